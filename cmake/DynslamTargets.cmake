@@ -1,0 +1,28 @@
+# How dynslam's own translation units are compiled. Nothing here reaches a user's target.
+
+include_guard(DIRECTORY)
+
+# dynslam_apply_build_flags(<target>)
+#
+# Warnings, sanitizers and reproducible floating point. There is no -march here and there must
+# not be one: it changes the layout of Eigen's types between a library and its user.
+function(dynslam_apply_build_flags target)
+  set_target_properties(${target} PROPERTIES CXX_EXTENSIONS OFF POSITION_INDEPENDENT_CODE ON)
+  target_compile_features(${target} PRIVATE cxx_std_17)
+  if(NOT CMAKE_CXX_COMPILER_ID MATCHES "GNU|Clang")
+    return()
+  endif()
+  target_compile_options(${target} PRIVATE
+    -Wall -Wextra -Wpedantic -Wshadow -Wnon-virtual-dtor -Woverloaded-virtual
+    # a*b+c is rounded twice on every machine, so that results do not depend on the machine.
+    -ffp-contract=off)
+  if(DYNSLAM_WARNINGS_AS_ERRORS)
+    target_compile_options(${target} PRIVATE -Werror)
+  endif()
+  if(DYNSLAM_SANITIZE)
+    string(REPLACE ";" "," sanitizers "${DYNSLAM_SANITIZE}")
+    target_compile_options(${target} PRIVATE
+      -fsanitize=${sanitizers} -fno-sanitize-recover=all -fno-omit-frame-pointer)
+    target_link_options(${target} PRIVATE -fsanitize=${sanitizers})
+  endif()
+endfunction()
