@@ -16,7 +16,6 @@ struct HostPoint {
   double position[3];
 };
 
-
 double mean_depth(dynslam::Points3d points_world, const dynslam::RigidTransform& T_cam_world) {
   double sum = 0.0;
   for (Eigen::Index i = 0; i < points_world.cols(); ++i) {

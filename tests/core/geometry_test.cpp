@@ -1,9 +1,9 @@
-#include <gtest/gtest.h>
-
-#include <Eigen/Geometry>
 #include <cmath>
 #include <limits>
 #include <random>
+
+#include <Eigen/Geometry>
+#include <gtest/gtest.h>
 
 #include "dynslam/core/camera.hpp"
 #include "dynslam/core/numeric_derivative.hpp"
@@ -102,17 +102,16 @@ TEST(RigidTransform, LeftJacobianIsTheDerivativeOfTheExponential) {
     };
     const auto numeric = numeric_jacobian(moved, Eigen::Vector3d::Zero().eval());
     EXPECT_LT(jacobian_difference(so3_left_jacobian(omega), numeric), 1e-9);
-    EXPECT_LT((so3_left_jacobian(omega) * so3_left_jacobian_inverse(omega) -
-               Eigen::Matrix3d::Identity())
-                  .norm(),
-              1e-11);
+    EXPECT_LT(
+        (so3_left_jacobian(omega) * so3_left_jacobian_inverse(omega) - Eigen::Matrix3d::Identity())
+            .norm(),
+        1e-11);
   }
 }
 
 TEST(RigidTransform, LogarithmAtPiIsARotationByPi) {
-  for (const Eigen::Vector3d& axis :
-       {Eigen::Vector3d(1, 0, 0), Eigen::Vector3d(0, 1, 0), Eigen::Vector3d(0, 0, 1),
-        Eigen::Vector3d(0.6, 0, 0.8)}) {
+  for (const Eigen::Vector3d& axis : {Eigen::Vector3d(1, 0, 0), Eigen::Vector3d(0, 1, 0),
+                                      Eigen::Vector3d(0, 0, 1), Eigen::Vector3d(0.6, 0, 0.8)}) {
     const Eigen::Matrix3d R = so3_exp(kPi * axis);
     EXPECT_NEAR(so3_log(R).norm(), kPi, 1e-9);
     EXPECT_LT((so3_exp(so3_log(R)) - R).norm(), 1e-9);
@@ -157,7 +156,8 @@ TEST(PinholeCamera, JacobiansAgreeWithNumericDerivatives) {
   std::uniform_real_distribution<double> uniform(-1.0, 1.0);
   for (int i = 0; i < 50; ++i) {
     const Eigen::Vector3d X(uniform(random), uniform(random), 2.5 + uniform(random));
-    const auto two = numeric_jacobian([&](const Eigen::Vector3d& x) { return camera.project(x); }, X);
+    const auto two =
+        numeric_jacobian([&](const Eigen::Vector3d& x) { return camera.project(x); }, X);
     const auto three =
         numeric_jacobian([&](const Eigen::Vector3d& x) { return camera.project3(x); }, X);
     EXPECT_LT(jacobian_difference(camera.project_jacobian(X), two), 1e-9);

@@ -1,8 +1,8 @@
 #include "dynslam/core/opencv.hpp"
 
-#include <gtest/gtest.h>
-
 #include <vector>
+
+#include <gtest/gtest.h>
 
 #include "dynslam/core/points.hpp"
 #include "dynslam/core/span.hpp"

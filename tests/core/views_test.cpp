@@ -1,11 +1,11 @@
-#include <gtest/gtest.h>
-
 #include <array>
 #include <cmath>
 #include <cstdint>
 #include <string>
 #include <type_traits>
 #include <vector>
+
+#include <gtest/gtest.h>
 
 #include "dynslam/core/errors.hpp"
 #include "dynslam/core/image_view.hpp"

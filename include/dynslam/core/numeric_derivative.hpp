@@ -2,11 +2,12 @@
 // factors with it.
 #pragma once
 
-#include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
 #include <limits>
 #include <type_traits>
+
+#include <Eigen/Core>
 
 namespace dynslam {
 
@@ -17,8 +18,7 @@ namespace dynslam {
 /// that f applies itself (e.g. xi -> residual(exp(xi) T) at xi = 0). Cost: 4 n
 /// evaluations of f. Not for production use.
 template <typename Function, int N>
-auto numeric_jacobian(const Function &f, const Eigen::Matrix<double, N, 1> &x,
-                      double step = 1e-4) {
+auto numeric_jacobian(const Function& f, const Eigen::Matrix<double, N, 1>& x, double step = 1e-4) {
   using Input = Eigen::Matrix<double, N, 1>;
   const auto f0 = f(x).eval();
   constexpr int kRows = std::decay_t<decltype(f0)>::RowsAtCompileTime;
@@ -39,12 +39,12 @@ auto numeric_jacobian(const Function &f, const Eigen::Matrix<double, N, 1> &x,
 /// Largest difference between two Jacobians relative to the larger one's
 /// largest entry (or to 1). NaN anywhere gives NaN, which no bound passes.
 template <typename A, typename B>
-double jacobian_difference(const Eigen::MatrixBase<A> &analytic,
-                           const Eigen::MatrixBase<B> &numeric) {
+double jacobian_difference(const Eigen::MatrixBase<A>& analytic,
+                           const Eigen::MatrixBase<B>& numeric) {
   const double scale = std::max(1.0, numeric.cwiseAbs().maxCoeff());
   const auto difference = (analytic - numeric).cwiseAbs().eval();
   return difference.allFinite() ? difference.maxCoeff() / scale
                                 : std::numeric_limits<double>::quiet_NaN();
 }
 
-} // namespace dynslam
+}  // namespace dynslam

@@ -1,10 +1,11 @@
 // Points as columns of a matrix, bound without a copy.
 #pragma once
 
-#include <Eigen/Core>
 #include <cassert>
 #include <cstddef>
 #include <type_traits>
+
+#include <Eigen/Core>
 
 #include "dynslam/core/span.hpp"
 
@@ -17,8 +18,8 @@ namespace dynslam {
 /// structs or a block of a matrix bind without a copy (use `as_points`). Never
 /// kept after the call.
 template <typename Scalar, int Dim>
-using PointsRef = Eigen::Ref<const Eigen::Matrix<Scalar, Dim, Eigen::Dynamic>,
-                             0, Eigen::OuterStride<>>;
+using PointsRef =
+    Eigen::Ref<const Eigen::Matrix<Scalar, Dim, Eigen::Dynamic>, 0, Eigen::OuterStride<>>;
 
 using Points2f = PointsRef<float, 2>;
 using Points2d = PointsRef<double, 2>;
@@ -27,18 +28,17 @@ using Points3d = PointsRef<double, 3>;
 
 /// Map behind `as_points`.
 template <typename Scalar, int Dim>
-using PointsMap = Eigen::Map<const Eigen::Matrix<Scalar, Dim, Eigen::Dynamic>,
-                             0, Eigen::OuterStride<>>;
+using PointsMap =
+    Eigen::Map<const Eigen::Matrix<Scalar, Dim, Eigen::Dynamic>, 0, Eigen::OuterStride<>>;
 
 namespace detail {
 
 /// Scalar and dimension of a point type that is nothing but `Dim` scalars
 /// (cv::Point2f, Eigen::Vector3d, struct {float x, y;}).
 template <typename Scalar, typename Point>
-inline constexpr int kPointDim = static_cast<int>(sizeof(Point) /
-                                                  sizeof(Scalar));
+inline constexpr int kPointDim = static_cast<int>(sizeof(Point) / sizeof(Scalar));
 
-} // namespace detail
+}  // namespace detail
 
 /// Binds an array of points as columns, without a copy:
 /// `as_points<float>(field(kps, &KeyPoint::pt))`.
@@ -48,22 +48,18 @@ inline constexpr int kPointDim = static_cast<int>(sizeof(Point) /
 template <typename Scalar, typename Point>
 auto as_points(StridedSpan<Point> points) {
   constexpr int dim = detail::kPointDim<Scalar, Point>;
-  static_assert(sizeof(Point) == dim * sizeof(Scalar),
-                "a point must be made of scalars only");
-  assert(points.stride_bytes() % static_cast<std::ptrdiff_t>(sizeof(Scalar)) ==
-         0);
+  static_assert(sizeof(Point) == dim * sizeof(Scalar), "a point must be made of scalars only");
+  assert(points.stride_bytes() % static_cast<std::ptrdiff_t>(sizeof(Scalar)) == 0);
   return PointsMap<Scalar, dim>(
-      reinterpret_cast<const Scalar *>(points.data()), dim,
-      static_cast<Eigen::Index>(points.size()),
-      Eigen::OuterStride<>(points.stride_bytes() /
-                           static_cast<std::ptrdiff_t>(sizeof(Scalar))));
+      reinterpret_cast<const Scalar*>(points.data()), dim, static_cast<Eigen::Index>(points.size()),
+      Eigen::OuterStride<>(points.stride_bytes() / static_cast<std::ptrdiff_t>(sizeof(Scalar))));
 }
 
 template <typename Scalar, typename Container>
-auto as_points(const Container &points) {
+auto as_points(const Container& points) {
   Span span(points);
   using Point = std::remove_pointer_t<decltype(span.data())>;
   return as_points<Scalar>(StridedSpan<Point>(span));
 }
 
-} // namespace dynslam
+}  // namespace dynslam

@@ -7,15 +7,14 @@
 
 #define DYNSLAM_STRINGIZE_IMPL(x) #x
 #define DYNSLAM_STRINGIZE(x) DYNSLAM_STRINGIZE_IMPL(x)
-#define DYNSLAM_VERSION_STRING                                                 \
-  DYNSLAM_STRINGIZE(DYNSLAM_VERSION_MAJOR)                                     \
-  "." DYNSLAM_STRINGIZE(DYNSLAM_VERSION_MINOR) "." DYNSLAM_STRINGIZE(          \
-      DYNSLAM_VERSION_PATCH)
+#define DYNSLAM_VERSION_STRING             \
+  DYNSLAM_STRINGIZE(DYNSLAM_VERSION_MAJOR) \
+  "." DYNSLAM_STRINGIZE(DYNSLAM_VERSION_MINOR) "." DYNSLAM_STRINGIZE(DYNSLAM_VERSION_PATCH)
 
 namespace dynslam {
 
 /// Version of the headers this translation unit was compiled with,
 /// "major.minor.patch".
-inline constexpr const char *kVersion = DYNSLAM_VERSION_STRING;
+inline constexpr const char* kVersion = DYNSLAM_VERSION_STRING;
 
-} // namespace dynslam
+}  // namespace dynslam
