@@ -105,11 +105,12 @@ EurocCamera parse_euroc_camera(std::string_view text, std::string_view path);
 
 /// Pairs of times of `a` and `b` (seconds, any order) that lie at most `max_difference` apart. Of
 /// all admissible pairs the closest is taken first, then the closest of what is left, and so on
-/// (the rule of the TUM benchmark's own tool); ties go to the lower index of a, then of b. Every
-/// time is used once. Returns pairs (index in a, index in b) in increasing order of the time in a.
+/// (the rule of the TUM benchmark's own tool, which compares with < instead of <=); among equally
+/// close pairs the earliest. Every time is used once. Returns pairs (index in a, index in b) in
+/// increasing order of the time in a.
 ///
-/// O((n + k) log(n + k)) with k admissible pairs. A time that is NaN is never paired. Throws
-/// InvalidArgument if max_difference is negative or NaN.
+/// O((n + m) log(n + m)) for n and m times, also where all of them are close to each other. A time
+/// that is not finite is never paired. Throws InvalidArgument if max_difference is negative or NaN.
 std::vector<std::pair<std::size_t, std::size_t>> associate(Span<const double> a,
                                                            Span<const double> b,
                                                            double max_difference);

@@ -64,8 +64,7 @@ class Sequence {
   virtual std::size_t size() const = 0;
   /// Seconds, strictly increasing in `index`. Throws InvalidArgument if index >= size().
   virtual double timestamp(std::size_t index) const = 0;
-  /// `Frame::name` without reading the frame; unique in the sequence. Throws InvalidArgument if
-  /// index >= size().
+  /// `Frame::name` without reading the frame. Throws InvalidArgument if index >= size().
   virtual std::string frame_name(std::size_t index) const = 0;
   /// Reads or renders a frame. Allocates its images. Throws InvalidArgument if index >= size();
   /// IoError naming the file if an image is missing, cut short, or of the wrong size or type. A bad
