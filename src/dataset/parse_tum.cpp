@@ -11,8 +11,9 @@ namespace {
 
 using detail::LineReader;
 
-// The virtual baseline of ORB-SLAM2's TUM settings, bf = 40 at fx = 525.
-constexpr double kVirtualBaseline = 40.0 / 525.0;
+// Of a virtual baseline of 40 / 525 m, about that between a Kinect's projector and its camera.
+double virtual_bf(double fx) { return 40.0 * fx / 525.0; }
+
 constexpr double kTumDepthScale = 5000.0;
 constexpr double kKinectFps = 30.0;
 
@@ -24,7 +25,7 @@ CameraFile kinect(double fx, double fy, double cx, double cy, const Distortion& 
   file.camera.cy = cy;
   file.camera.width = 640;
   file.camera.height = 480;
-  file.camera.bf = kVirtualBaseline * fx;
+  file.camera.bf = virtual_bf(fx);
   file.distortion = distortion;
   file.fps = kKinectFps;
   file.depth_scale = kTumDepthScale;
@@ -168,7 +169,7 @@ CameraFile parse_camera(std::string_view text, std::string_view path) {
   if (!keys.has_fx || !keys.has_fy || !keys.has_cx || !keys.has_cy) {
     throw_io_error(path, "the camera is incomplete, expected at least fx, fy, cx and cy");
   }
-  if (!keys.has_bf) keys.file.camera.bf = kVirtualBaseline * keys.file.camera.fx;
+  if (!keys.has_bf) keys.file.camera.bf = virtual_bf(keys.file.camera.fx);
   return keys.file;
 }
 
