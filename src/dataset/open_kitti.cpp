@@ -146,9 +146,9 @@ class KittiFolder {
 
   void read_camera() {
     const fs::path file = folder_ / "calib.txt";
-    if (options_.camera) {
+    if (options_.camera && !is_file(file)) {
       data_.camera = *options_.camera;
-      if (left_ == 0 || !is_file(file)) return;
+      return;
     }
     const KittiCalibration calibration =
         parse_kitti_calibration(detail::read_file(file), file.string());
@@ -156,12 +156,15 @@ class KittiFolder {
     // P = K [I | c]: the camera sits at -c in the frame of camera 0, to which the poses belong.
     const Eigen::Matrix3d K = P.leftCols<3>();
     T_cam0_cam_ = RigidTransform(Eigen::Matrix3d::Identity(), -(K.inverse() * P.col(3)));
-    if (options_.camera) return;
     data_.camera.fx = P(0, 0);
     data_.camera.fy = P(1, 1);
     data_.camera.cx = P(0, 2);
     data_.camera.cy = P(1, 2);
     if (data_.sensor == SensorKind::kStereo) read_baseline(calibration, P, file);
+    if (!options_.camera) return;
+    const double baseline = data_.camera.baseline();
+    data_.camera = *options_.camera;
+    if (data_.sensor == SensorKind::kStereo) data_.camera.bf = baseline * data_.camera.fx;
   }
 
   void read_baseline(const KittiCalibration& calibration, const Matrix34d& P,

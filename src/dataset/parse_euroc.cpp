@@ -98,15 +98,18 @@ class SensorYaml {
     return true;
   }
 
+  // Looks for the end in new lines only: a list may have many of them.
   void complete_list() {
     if (value_.empty() || value_.front() != '[') return;
+    std::size_t looked_at = 0;
     std::string_view line;
-    while (value_.find(']') == std::string::npos) {
+    while (value_.find(']', looked_at) == std::string::npos) {
+      looked_at = value_.size();
       if (!take_line(&line)) fail("the list does not end, expected \"]\"");
       value_ += ' ';
       value_ += trimmed(without_comment(line));
     }
-    value_.resize(value_.find(']') + 1);
+    value_.resize(value_.find(']', looked_at) + 1);
   }
 
   std::string_view rest_;

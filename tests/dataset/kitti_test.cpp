@@ -217,6 +217,11 @@ TEST(OpenKitti, TakesACameraInThePlaceOfTheFile) {
   options.camera = DepthCamera();
   options.camera->fx = options.camera->fy = 9.0;
   EXPECT_EQ(open_kitti(folder.path(), options)->camera().fx, 9.0);
+  write_images(folder.path(), "image_1", 1);
+  write_text(folder / "calib.txt", kP0 + kP1);
+  const DepthCamera camera = open_kitti(folder.path(), options)->camera();
+  EXPECT_EQ(camera.fx, 9.0);
+  EXPECT_NEAR(camera.baseline(), 378.0 / 700.0, 1e-12);  // still that of the rig
   options.camera->fx = -1.0;
   EXPECT_TRUE(holds(invalid_argument_of([&] { open_kitti(folder.path(), options); }), "fx"));
 }

@@ -297,6 +297,11 @@ TEST(ParseEurocCamera, NamesTheKeyThatIsWrong) {
   EXPECT_TRUE(says("1.76187114e-05]", "1.76187114e-05", "the list does not end"));
 }
 
+TEST(ParseEurocCamera, IsQuickWithAListOfAMillionLines) {
+  const std::string text = "intrinsics: [" + std::string(1000000, '\n');
+  EXPECT_TRUE(holds(io_error_of([&] { parse_euroc_camera(text, "f"); }), "the list does not end"));
+}
+
 // What the TUM tool does, by trying all pairs.
 std::vector<std::pair<std::size_t, std::size_t>> associate_slowly(const std::vector<double>& a,
                                                                   const std::vector<double>& b,

@@ -50,7 +50,8 @@ std::unique_ptr<Sequence> open_tum(const std::filesystem::path& folder,
 
 /// How to open a KITTI odometry folder.
 struct KittiOptions {
-  /// Replaces calib.txt (bf included); width and height 0: as the images are.
+  /// Replaces the intrinsics of calib.txt; the stereo baseline stays calib.txt's if there is one.
+  /// Width and height 0: as the images are.
   std::optional<DepthCamera> camera;
   /// Use image_2 / image_3 where both grey and colour are there.
   bool prefer_color = false;
@@ -65,10 +66,13 @@ struct KittiOptions {
 /// KITTI odometry: a folder with image_0 (image_1, image_2, image_3), calib.txt, times.txt and
 /// poses.txt, or the official sequences/NN with the truth in ../../poses/NN.txt.
 ///
-/// Images are in natural order of their names. Without times.txt the frames are 0.1 s apart. More
-/// times than images, or fewer, is an IoError; poses may end early, then the later frames have
-/// none. kStereo when the right folder exists; it must hold the same names. Frame i's truth is row
-/// i, the pose of the left grey camera; with colour images it is moved by the offset in P2.
+/// Images are in natural order of their names. Rows of times.txt and poses.txt go by position if
+/// there are as many as images, else by the number that is the image's name (a sequence that was
+/// cut). Without times.txt the frames are 0.1 s apart. An image without a time is an IoError; poses
+/// may end early, then the later frames have none.
+///
+/// kStereo when the right folder exists; it must hold the same names. The poses are those of the
+/// left grey camera; with colour images they are moved by the offset in P2. Masks as in `open_tum`.
 std::unique_ptr<Sequence> open_kitti(const std::filesystem::path& folder,
                                      const KittiOptions& options = {});
 
