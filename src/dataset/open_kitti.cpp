@@ -184,7 +184,7 @@ class KittiFolder {
 
   fs::path pose_file() const {
     std::error_code error;
-    const fs::path own = folder_ / "poses.txt";
+    fs::path own = folder_ / "poses.txt";
     if (is_file(own)) return own;
     const fs::path whole = fs::canonical(folder_, error);
     const fs::path official =

@@ -82,6 +82,7 @@ class TumFolder {
     const std::vector<ImageRow> depth = ordered_rows("depth.txt");
     const auto times = [](const std::vector<ImageRow>& rows) {
       std::vector<double> result;
+      result.reserve(rows.size());
       for (const ImageRow& row : rows) result.push_back(row.timestamp);
       return result;
     };

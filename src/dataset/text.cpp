@@ -115,7 +115,8 @@ double LineReader::nanoseconds(std::size_t i, std::string_view what) const {
   }
   // Apart, because a double does not hold the nanoseconds of today to the nanosecond.
   constexpr std::int64_t kPerSecond = 1000000000;
-  return static_cast<double>(value / kPerSecond) + static_cast<double>(value % kPerSecond) * 1e-9;
+  const std::int64_t whole = value / kPerSecond;
+  return static_cast<double>(whole) + static_cast<double>(value - whole * kPerSecond) * 1e-9;
 }
 
 RigidTransform pose_from(const LineReader& reader, const Eigen::Vector3d& t,

@@ -113,7 +113,8 @@ class TumWriter::Impl {
     if (has_depth_) {
       std::string text;
       for (const std::string& t : times_) {
-        text += t + " rgb/" + t + ".png " + t + " depth/" + t + ".png\n";
+        text.append(t).append(" rgb/").append(t).append(".png ");
+        text.append(t).append(" depth/").append(t).append(".png\n");
       }
       write_text("associations.txt", text);
     }
@@ -195,7 +196,9 @@ class TumWriter::Impl {
 
   std::string list_text(const std::string& folder, const std::string& what) const {
     std::string text = "# " + what + "\n# timestamp filename\n";
-    for (const std::string& t : times_) text += t + " " + folder + "/" + t + ".png\n";
+    for (const std::string& t : times_) {
+      text.append(t).append(" ").append(folder).append("/").append(t).append(".png\n");
+    }
     return text;
   }
 
