@@ -1,0 +1,131 @@
+// ORB features spread evenly over the image and kept off a mask of what moves.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include <opencv2/core/mat.hpp>
+#include <opencv2/core/types.hpp>
+
+#include "dynslam/core/image_view.hpp"
+#include "dynslam/core/span.hpp"
+
+namespace dynslam::features {
+
+/// Bytes of an ORB descriptor.
+inline constexpr int kOrbDescriptorBytes = 32;
+
+/// Diameter in level pixels of the patch that gives a key point its angle.
+inline constexpr int kOrbPatchSize = 31;
+
+/// Nearest that a key point comes to the border of its pyramid level, in level
+/// pixels: the farthest reach of a rotated test pair.
+inline constexpr int kOrbBorder = 19;
+
+/// Settings of OrbExtractor.
+struct OrbOptions {
+  /// Most key points returned for an image; >= 1. Engineering: 1000 at 640x480,
+  /// 2000 for KITTI.
+  int max_features = 1000;
+  /// Side of a pyramid level over the side of the next, > 1 and <= 4. ORB
+  /// paper: about sqrt(2), the field's habit (and existing vocabularies): 1.2.
+  float scale_factor = 1.2F;
+  /// Levels of the pyramid, 1..32. Levels too small to hold a patch are left
+  /// out.
+  int levels = 8;
+  /// Contrast of a corner in grey values, 1..254: centre against nine
+  /// contiguous pixels of the circle of radius 3 (FAST-9). Tried first in each
+  /// cell.
+  int fast_threshold = 20;
+  /// Contrast tried in cells that `fast_threshold` leaves
+  /// empty, 1..fast_threshold. Set equal to `fast_threshold` to switch the
+  /// second try off.
+  int min_fast_threshold = 7;
+  /// Side in level pixels of the cells of the two thresholds, >= 8.
+  /// Engineering.
+  int cell_size = 32;
+  /// A key point is dropped if any mask pixel within this many level-0 pixels
+  /// of it (a square window) is set; 0..1024. 0 asks the pixel under the key
+  /// point only, right for masks that were dilated already.
+  int mask_margin = 0;
+
+  /// Throws InvalidArgument naming the first member that breaks its rule.
+  void validate() const;
+};
+
+/// Finds FAST-9 corners on an image pyramid, spreads them, and describes them
+/// with the steered 256-pair BRIEF of the ORB paper.
+///
+/// Descriptors use OpenCV's learned test pairs, so vocabularies trained on
+/// cv::ORB (and systems derived from it) work unchanged. Key points are
+/// distributed over levels in proportion to the level's side, over the image by
+/// a quadtree: a leaf keeps its strongest corner, and the leaf with the most
+/// corners is split first.
+///
+/// Each key point carries: `pt` in level-0 pixels (pixel centres at integers),
+/// `octave` (pyramid level), `angle` in degrees [0, 360), clockwise in the
+/// image (x right, y down), from the intensity centroid, `size` = 31
+/// scale_factors()[octave], `response` = FAST score in grey values (largest
+/// threshold at which the pixel is still a corner), `class_id` = -1.
+///
+/// Buffers are kept between calls: one extractor per thread, not thread-safe.
+/// The output depends on the image, the mask and the options alone, bit for
+/// bit, not on earlier calls nor on the SIMD target or OpenCV's number of
+/// threads.
+///
+/// Source: Rublee, Rabaud, Konolige, Bradski, "ORB: an efficient alternative to
+/// SIFT or SURF", ICCV 2011. Departures: FAST score instead of the Harris
+/// measure, quadtree instead of the globally strongest, two thresholds.
+class OrbExtractor {
+public:
+  /// Throws InvalidArgument if the options are invalid.
+  explicit OrbExtractor(const OrbOptions &options = {});
+  ~OrbExtractor();
+  OrbExtractor(OrbExtractor &&) noexcept;
+  OrbExtractor &operator=(OrbExtractor &&) noexcept;
+  OrbExtractor(const OrbExtractor &) = delete;
+  OrbExtractor &operator=(const OrbExtractor &) = delete;
+
+  /// Replaces `keypoints` and `descriptors` (N x 32, CV_8U, N <= max_features;
+  /// an empty matrix if N = 0) by the features of `image`, ordered by octave.
+  ///
+  /// `mask` is empty or has the image's size; where it is not 0 no key point is
+  /// returned and the budget goes to the rest. The pixel asked is the one
+  /// nearest to `pt`. Images too small for a patch, flat images and fully
+  /// masked ones give zero features.
+  ///
+  /// Throws InvalidArgument if the image is empty or the mask has another size;
+  /// outputs are then untouched. O(pixels + corners log corners); allocates
+  /// only when an image is larger or has more corners than any before.
+  /// `descriptors` is reallocated only if its shape must change.
+  void extract(GrayView image, MaskView mask,
+               std::vector<cv::KeyPoint> &keypoints, cv::Mat &descriptors);
+
+  /// Descriptors (N x 32, CV_8U) of key points found elsewhere, at their `pt`,
+  /// `angle` (degrees) and `octave`; row i belongs to keypoints[i].
+  ///
+  /// Pixels beyond the border of a level are those of the nearest border pixel,
+  /// so any key point inside the image has a descriptor. Throws InvalidArgument
+  /// if the image is empty, or if a key point has a non-finite position or
+  /// angle, lies outside the image, or has an octave that the pyramid of this
+  /// image lacks; outputs are then untouched. Cost as `extract` without the
+  /// search.
+  void describe(GrayView image, Span<const cv::KeyPoint> keypoints,
+                cv::Mat &descriptors);
+
+  /// Side of a level-0 pixel over that of a pixel of level i is 1 /
+  /// scale_factors()[i]; `levels` entries, the first 1.
+  const std::vector<float> &scale_factors() const;
+
+  /// Most features that each level is asked for; sums to max_features.
+  const std::vector<int> &features_per_level() const;
+
+  const OrbOptions &options() const;
+
+private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+} // namespace dynslam::features
