@@ -1,0 +1,72 @@
+// Which of the corners that FAST found become key points: off the mask, strong for their
+// neighbourhood, and spread over the image.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "dynslam/core/image_view.hpp"
+#include "features/orb_kernels.hpp"
+
+namespace dynslam::features::detail {
+
+/// Answers for a pixel of level 0 whether the mask is set within a margin of it.
+class MaskProbe {
+ public:
+  /// Prepares for `mask`, which must stay alive while the probe is used. O(1) without margin, else
+  /// O(pixels).
+  void reset(MaskView mask, int margin);
+  bool empty() const { return mask_.empty(); }
+  bool is_set(int x, int y) const;
+
+ private:
+  MaskView mask_;
+  int margin_ = 0;
+  std::vector<std::int32_t> sums_;  // set pixels above and left of each pixel; with a margin only
+};
+
+/// Level-0 coordinate of the centre of pixel `i` of a level: the pyramid keeps the centres of scaled
+/// pixels, (i + 1/2) scale = level-0 coordinate + 1/2.
+inline float level0_coordinate(int i, float scale) {
+  return (static_cast<float>(i) + 0.5F) * scale - 0.5F;
+}
+
+/// Chooses among corners; keeps its scratch between calls.
+class CornerChooser {
+ public:
+  /// Drops the corners of a level whose pixel the mask covers. Returns the number left, in order.
+  int drop_masked(const MaskProbe& mask, float scale, const PixelBlock& level, Corner* corners,
+                  int count);
+
+  /// Drops corners weaker than `threshold` from the cells that hold one which is not. Returns the
+  /// number left, in order.
+  int drop_weak(int cell_size, int threshold, const PixelBlock& level, Corner* corners, int count);
+
+  /// Replaces `chosen` by `target` of the corners (all, if there are no more), spread evenly: the
+  /// square around the level is quartered, its quarters are quartered, and so on, all of a size
+  /// before any smaller and the fullest first, until there are as many squares with corners as are
+  /// asked for; the strongest of each square is taken. In the order of the quadtree.
+  void spread(const std::vector<Corner>& corners, int target, std::vector<Corner>& chosen);
+
+ private:
+  struct Node {
+    std::int32_t first, last;  // range of `sorted_`
+  };
+  void sort_by_place(const std::vector<Corner>& corners);
+  int split(const Node& node, int shift);
+  void grow_tree(int target);
+  std::int32_t strongest(const Node& node, const std::vector<Corner>& corners) const;
+
+  std::vector<std::int32_t> columns_, rows_;
+  std::vector<std::uint8_t> cell_has_strong_;
+  std::vector<std::uint64_t> sorted_, scratch_;  // place in the quadtree (high half), corner
+  std::vector<Node> open_, next_, leaves_;
+  std::vector<std::int32_t> picks_;
+};
+
+/// How many key points each level gives: its share, as far as it has corners, and what the others
+/// cannot fill in proportion to the shares.
+void divide_budget(const std::vector<int>& shares, const std::vector<int>& available,
+                   int max_features, std::vector<int>& take);
+
+}  // namespace dynslam::features::detail
