@@ -74,8 +74,8 @@ HWY_INLINE V8 best_arc(const Circle& c) {
               most(most(arc8, arc10), most(arc12, arc14)));
 }
 
-/// An arc of nine holds at least one of two opposite pixels: a corner needs, in each opposite pair, a
-/// pixel beyond the threshold. Narrows the bounds by the pair (k, k + 8).
+/// An arc of nine holds at least one of two opposite pixels: a corner needs, in each opposite pair,
+/// a pixel beyond the threshold. Narrows the bounds by the pair (k, k + 8).
 HWY_INLINE void narrow(V8 a, V8 b, V8& least_max, V8& most_min) {
   least_max = hn::Min(least_max, hn::Max(a, b));
   most_min = hn::Max(most_min, hn::Min(a, b));

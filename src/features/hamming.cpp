@@ -1,6 +1,7 @@
 #include "dynslam/features/hamming.hpp"
 
 #include "dynslam/core/errors.hpp"
+
 #include "features/hamming_kernels.hpp"
 
 namespace dynslam::features {

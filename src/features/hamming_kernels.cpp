@@ -4,6 +4,7 @@
 #include <cstring>
 
 #include "dynslam/features/hamming_reference.hpp"
+
 #include "features/simd.hpp"
 
 #undef HWY_TARGET_INCLUDE
@@ -56,8 +57,7 @@ HWY_INLINE int distance_of_32(const std::uint64_t* query, const std::uint8_t* b)
 }
 
 void many(const std::uint8_t* query, const std::uint8_t* train, std::ptrdiff_t stride,
-          std::size_t bytes, const std::int32_t* rows, std::size_t count,
-          std::int32_t* distances) {
+          std::size_t bytes, const std::int32_t* rows, std::size_t count, std::int32_t* distances) {
   std::uint64_t words[4] = {};
   if (bytes == 32) std::memcpy(words, query, 32);
   for (std::size_t i = 0; i < count; ++i) {
@@ -77,15 +77,15 @@ void block(const std::uint64_t* queries, std::size_t query_count, const std::uin
     for (std::size_t t = 0; t < rows; ++t) {
       std::uint32_t distance = 0;
       for (std::size_t w = 0; w < words; ++w) {
-        distance += static_cast<std::uint32_t>(
-            count_bits(queries[q * words + w] ^ train[w * pitch + t]));
+        distance +=
+            static_cast<std::uint32_t>(count_bits(queries[q * words + w] ^ train[w * pitch + t]));
       }
       const std::uint32_t key = (distance << kKeyIndexBits) | static_cast<std::uint32_t>(t);
       two.second = std::min(two.second, std::max(two.best, key));
       two.best = std::min(two.best, key);
       if (reverse != nullptr) {
-        reverse[t] = std::min(reverse[t],
-                              (distance << kKeyIndexBits) | static_cast<std::uint32_t>(q));
+        reverse[t] =
+            std::min(reverse[t], (distance << kKeyIndexBits) | static_cast<std::uint32_t>(q));
       }
     }
     keys[q] = two;
@@ -94,8 +94,8 @@ void block(const std::uint64_t* queries, std::size_t query_count, const std::uin
 
 #else
 
-// Lanes are train rows: a lane's 64 bits go through the words of one descriptor, so nothing is summed
-// across lanes until the end. At most 8 lanes: what `padded_rows` provides for.
+// Lanes are train rows: a lane's 64 bits go through the words of one descriptor, so nothing is
+// summed across lanes until the end. At most 8 lanes: what `padded_rows` provides for.
 using D64 = hn::CappedTag<std::uint64_t, 8>;
 using D8 = hn::Repartition<std::uint8_t, D64>;
 using D32 = hn::Repartition<std::uint32_t, D64>;
@@ -265,7 +265,8 @@ void hamming_many(const std::uint8_t* query, const std::uint8_t* train, std::ptr
 void hamming_block(const std::uint64_t* queries, std::size_t query_count,
                    const std::uint64_t* train, std::size_t rows, std::size_t words, TwoKeys* keys,
                    std::uint32_t* reverse) {
-  HWY_DYNAMIC_DISPATCH(hamming_block_target)(queries, query_count, train, rows, words, keys, reverse);
+  HWY_DYNAMIC_DISPATCH(hamming_block_target)
+  (queries, query_count, train, rows, words, keys, reverse);
 }
 
 }  // namespace dynslam::features::detail

@@ -34,13 +34,13 @@ struct TwoKeys {
   std::uint32_t second = kNoKey;
 };
 
-/// Compares `queries` descriptors (words_of(bytes) words each, without gaps) with a block of at most
-/// kBlockRows train descriptors given word by word: word w of row t is train[w padded_rows(rows) +
-/// t].
+/// Compares `queries` descriptors (words_of(bytes) words each, without gaps) with a block of at
+/// most kBlockRows train descriptors given word by word: word w of row t is train[w
+/// padded_rows(rows) + t].
 ///
-/// keys[q]: the two nearest rows of query q. If `reverse` is not null, reverse[t], padded_rows(rows)
-/// of them, is lowered to the key (distance, query row) of the nearest query of row t; queries are
-/// then at most kBlockRows.
+/// keys[q]: the two nearest rows of query q. If `reverse` is not null, reverse[t],
+/// padded_rows(rows) of them, is lowered to the key (distance, query row) of the nearest query of
+/// row t; queries are then at most kBlockRows.
 void hamming_block(const std::uint64_t* queries, std::size_t query_count,
                    const std::uint64_t* train, std::size_t rows, std::size_t words, TwoKeys* keys,
                    std::uint32_t* reverse);

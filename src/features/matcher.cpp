@@ -7,6 +7,7 @@
 #include <string>
 
 #include "dynslam/core/errors.hpp"
+
 #include "features/hamming_kernels.hpp"
 
 namespace dynslam::features {
@@ -150,8 +151,7 @@ class WindowSearch {
       return nearest_;
     }
     query_ = predictions_.descriptors.row(static_cast<int>(i));
-    const int min_octave =
-        predictions_.min_octaves.empty() ? kLowest : predictions_.min_octaves[i];
+    const int min_octave = predictions_.min_octaves.empty() ? kLowest : predictions_.min_octaves[i];
     const int max_octave =
         predictions_.max_octaves.empty() ? kHighest : predictions_.max_octaves[i];
     features_.grid->visit(position, radius, [&](std::int32_t index) {
@@ -298,8 +298,8 @@ void match_windowed(const WindowPredictions& predictions, const WindowFeatures& 
   for (std::size_t i = 0; i < predictions.positions.size(); ++i) {
     const TwoNearest nearest = window.search(i);
     if (!window.accepts(nearest)) continue;
-    matches.push_back({static_cast<std::int32_t>(i), nearest.index,
-                       static_cast<float>(nearest.distance)});
+    matches.push_back(
+        {static_cast<std::int32_t>(i), nearest.index, static_cast<float>(nearest.distance)});
   }
   if (options.one_to_one) resolve_one_to_one(matches);
 }

@@ -8,6 +8,7 @@
 #include <opencv2/core.hpp>
 
 #include "dynslam/core/errors.hpp"
+
 #include "features/orb_kernels.hpp"
 #include "features/orb_reference.hpp"
 #include "features/orb_spread.hpp"
@@ -114,7 +115,8 @@ struct OrbExtractor::Impl {
   explicit Impl(const OrbOptions& given) : options(given) {
     options.validate();
     const double factor = static_cast<double>(options.scale_factor);
-    for (int i = 0; i < options.levels; ++i) scales.push_back(static_cast<float>(std::pow(factor, i)));
+    for (int i = 0; i < options.levels; ++i)
+      scales.push_back(static_cast<float>(std::pow(factor, i)));
     share_features();
   }
 
@@ -142,7 +144,8 @@ struct OrbExtractor::Impl {
     std::size_t count = 0;
     for (const float scale : scales) {
       const int level_width = static_cast<int>(std::lround(static_cast<float>(new_width) / scale));
-      const int level_height = static_cast<int>(std::lround(static_cast<float>(new_height) / scale));
+      const int level_height =
+          static_cast<int>(std::lround(static_cast<float>(new_height) / scale));
       if (std::min(level_width, level_height) <= 2 * kOrbBorder) break;
       if (levels.size() <= count) levels.emplace_back();
       Level& level = levels[count];
@@ -247,8 +250,8 @@ struct OrbExtractor::Impl {
     require(inside, where, "keypoints[i].pt",
             "(" + std::to_string(keypoint.pt.x) + ", " + std::to_string(keypoint.pt.y) + ")",
             "a position inside the image");
-    require(keypoint.octave >= 0 && static_cast<std::size_t>(keypoint.octave) < levels.size(), where,
-            "keypoints[i].octave", keypoint.octave,
+    require(keypoint.octave >= 0 && static_cast<std::size_t>(keypoint.octave) < levels.size(),
+            where, "keypoints[i].octave", keypoint.octave,
             "less than the " + std::to_string(levels.size()) + " levels of the image's pyramid");
   }
 
@@ -265,8 +268,8 @@ struct OrbExtractor::Impl {
       return;
     }
     const auto nearest_pixel = [&](int dx, int dy) {
-      return level.row(std::clamp(y + dy, 0, level.height - 1))[std::clamp(x + dx, 0,
-                                                                          level.width - 1)];
+      return level.row(
+          std::clamp(y + dy, 0, level.height - 1))[std::clamp(x + dx, 0, level.width - 1)];
     };
     detail::reference::describe_patch(rotation, nearest_pixel, descriptor);
   }

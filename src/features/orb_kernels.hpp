@@ -1,10 +1,10 @@
-// The stages of the ORB extractor that touch many pixels. Raw pointers only: the kernels know nothing
-// of images or options. Each picks its vector instructions when it is called (Highway), and gives the
-// same bits as its namesake in orb_reference.hpp whichever they are.
+// The stages of the ORB extractor that touch many pixels. Raw pointers only: the kernels know
+// nothing of images or options. Each picks its vector instructions when it is called (Highway), and
+// gives the same bits as its namesake in orb_reference.hpp whichever they are.
 //
 // A level's rows lie `stride` bytes apart with at least kRowSlack bytes behind the last pixel, and
-// kRowSlack bytes before the first row and after the last belong to the buffer as well: kernels read
-// (and write their outputs) past the end of a row, but not what they compute from.
+// kRowSlack bytes before the first row and after the last belong to the buffer as well: kernels
+// read (and write their outputs) past the end of a row, but not what they compute from.
 #pragma once
 
 #include <cstddef>
@@ -68,11 +68,12 @@ inline constexpr int kPatchReach[kPatchRadius + 1] = {15, 15, 15, 15, 14, 14, 14
 void resize_level(const PixelBlock& source, const ResizeAxis& columns, const ResizeAxis& rows,
                   const MutablePixelBlock& target, std::uint16_t* scratch);
 
-/// Gaussian blur with kBlurWeights, rounded once, mirrored at the border pixels (at least 4 pixels on
-/// each side). `scratch` holds source.width + 2 kRowSlack numbers.
+/// Gaussian blur with kBlurWeights, rounded once, mirrored at the border pixels (at least 4 pixels
+/// on each side). `scratch` holds source.width + 2 kRowSlack numbers.
 void blur_level(const PixelBlock& source, const MutablePixelBlock& target, std::uint16_t* scratch);
 
-/// FAST-9 corners with a score above `threshold` that beat their eight neighbours, at least `border`
+/// FAST-9 corners with a score above `threshold` that beat their eight neighbours, at least
+/// `border`
 /// (>= 4) pixels inside the level, by rows. `scratch` holds 3 strides; `corners` has room for
 /// ((width + 1) / 2) ((height + 1) / 2) of them. Returns their number.
 int fast_corners(const PixelBlock& level, int border, int threshold, std::uint8_t* scratch,

@@ -1,9 +1,9 @@
 // The 256 learned test pairs of rBRIEF.
 //
-// The numbers are those of the ORB paper (Rublee, Rabaud, Konolige, Bradski, ICCV 2011) as published
-// in OpenCV's features2d module, Copyright (c) 2009, Willow Garage, Inc., 3-clause BSD licence
-// (OpenCV itself: Apache-2.0). They are data that define the descriptor: with other numbers no
-// vocabulary trained on ORB would fit. Read out of the built library and checked by the tests
+// The numbers are those of the ORB paper (Rublee, Rabaud, Konolige, Bradski, ICCV 2011) as
+// published in OpenCV's features2d module, Copyright (c) 2009, Willow Garage, Inc., 3-clause BSD
+// licence (OpenCV itself: Apache-2.0). They are data that define the descriptor: with other numbers
+// no vocabulary trained on ORB would fit. Read out of the built library and checked by the tests
 // against the descriptors of cv::ORB.
 #pragma once
 

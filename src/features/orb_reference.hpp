@@ -1,6 +1,6 @@
-// Plain loops for every stage of the ORB extractor: the oracle of the tests and what runs on machines
-// without vectors. All arithmetic is on integers or rounded step by step, so the vectorized kernels
-// give the same bits.
+// Plain loops for every stage of the ORB extractor: the oracle of the tests and what runs on
+// machines without vectors. All arithmetic is on integers or rounded step by step, so the
+// vectorized kernels give the same bits.
 #pragma once
 
 #include <algorithm>
@@ -71,8 +71,8 @@ inline std::uint8_t fast_score(const std::uint8_t* pixel, std::ptrdiff_t stride,
   return static_cast<std::uint8_t>(best > threshold ? best - 1 : 0);
 }
 
-/// A corner beats the neighbours before it (by rows) strictly and is not beaten by those after it, so
-/// that of two equal neighbours one stays.
+/// A corner beats the neighbours before it (by rows) strictly and is not beaten by those after it,
+/// so that of two equal neighbours one stays.
 inline bool is_peak(const std::uint8_t* above, const std::uint8_t* score,
                     const std::uint8_t* below) {
   const int before = std::max({above[-1], above[0], above[1], score[-1]});

@@ -31,7 +31,8 @@ bool MaskProbe::is_set(int x, int y) const {
   const int left = std::max(x - margin_, 0);
   const int right = std::min(x + margin_, mask_.width - 1) + 1;
   const std::int32_t* top = sums_.data() + std::max(y - margin_, 0) * stride;
-  const std::int32_t* bottom = sums_.data() + (std::min(y + margin_, mask_.height - 1) + 1) * stride;
+  const std::int32_t* bottom =
+      sums_.data() + (std::min(y + margin_, mask_.height - 1) + 1) * stride;
   return bottom[right] - bottom[left] - top[right] + top[left] != 0;
 }
 
@@ -58,8 +59,8 @@ int CornerChooser::drop_weak(int cell_size, int threshold, const PixelBlock& lev
   const int cell_rows = (level.height + cell_size - 1) / cell_size;
   columns_.resize(static_cast<std::size_t>(level.width));
   for (int x = 0; x < level.width; ++x) columns_[static_cast<std::size_t>(x)] = x / cell_size;
-  cell_has_strong_.assign(static_cast<std::size_t>(cells_in_row) * static_cast<std::size_t>(cell_rows),
-                          0);
+  cell_has_strong_.assign(
+      static_cast<std::size_t>(cells_in_row) * static_cast<std::size_t>(cell_rows), 0);
   const auto cell_of = [&](const Corner& corner) -> std::uint8_t& {
     const int row = corner.y / cell_size;
     return cell_has_strong_[static_cast<std::size_t>(row * cells_in_row + columns_[corner.x])];
@@ -97,8 +98,8 @@ std::uint32_t path_of(std::uint64_t entry) {
 
 }  // namespace
 
-/// Orders the corners by their path: every square of the quadtree is then a range. Radix sort, since
-/// thousands of corners are common and paths are short.
+/// Orders the corners by their path: every square of the quadtree is then a range. Radix sort,
+/// since thousands of corners are common and paths are short.
 void CornerChooser::sort_by_place(const std::vector<Corner>& corners) {
   sorted_.resize(corners.size());
   scratch_.resize(corners.size());
@@ -229,8 +230,8 @@ void divide_budget(const std::vector<int>& shares, const std::vector<int>& avail
     for (std::size_t i = 0; i < shares.size() && left > 0; ++i) {
       if (take[i] == available[i]) continue;
       const std::int64_t part = std::int64_t{to_divide} * (shares[i] + 1) / share_sum;
-      const int more = std::min({static_cast<int>(std::max<std::int64_t>(part, 1)),
-                                 available[i] - take[i], left});
+      const int more = std::min(
+          {static_cast<int>(std::max<std::int64_t>(part, 1)), available[i] - take[i], left});
       take[i] += more;
       left -= more;
     }

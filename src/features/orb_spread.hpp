@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "dynslam/core/image_view.hpp"
+
 #include "features/orb_kernels.hpp"
 
 namespace dynslam::features::detail {
@@ -25,8 +26,8 @@ class MaskProbe {
   std::vector<std::int32_t> sums_;  // set pixels above and left of each pixel; with a margin only
 };
 
-/// Level-0 coordinate of the centre of pixel `i` of a level: the pyramid keeps the centres of scaled
-/// pixels, (i + 1/2) scale = level-0 coordinate + 1/2.
+/// Level-0 coordinate of the centre of pixel `i` of a level: the pyramid keeps the centres of
+/// scaled pixels, (i + 1/2) scale = level-0 coordinate + 1/2.
 inline float level0_coordinate(int i, float scale) {
   return (static_cast<float>(i) + 0.5F) * scale - 0.5F;
 }

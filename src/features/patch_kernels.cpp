@@ -22,8 +22,8 @@ void patch_moments_simd(const PixelBlock& level, const Corner* corners, int coun
   reference::patch_moments(level, corners, count, m10, m01);
 }
 
-void rotated_brief_simd(const PixelBlock& blurred, const Corner* corners,
-                        const Rotation* rotations, int count, std::uint8_t* descriptors) {
+void rotated_brief_simd(const PixelBlock& blurred, const Corner* corners, const Rotation* rotations,
+                        int count, std::uint8_t* descriptors) {
   reference::rotated_brief(blurred, corners, rotations, count, descriptors);
 }
 
@@ -141,8 +141,7 @@ HWY_INLINE void turn_pattern(const Rotation& rotation, std::ptrdiff_t stride,
     const auto y = hn::Load(df, kPattern.y + i);
     const auto turned_x = hn::Sub(hn::Mul(x, cos), hn::Mul(y, sin));
     const auto turned_y = hn::Add(hn::Mul(x, sin), hn::Mul(y, cos));
-    const auto offset =
-        hn::Add(hn::Mul(hn::NearestInt(turned_y), row), hn::NearestInt(turned_x));
+    const auto offset = hn::Add(hn::Mul(hn::NearestInt(turned_y), row), hn::NearestInt(turned_x));
     hn::Store(offset, di, offsets + i);
   }
 }
@@ -158,8 +157,8 @@ HWY_INLINE std::uint8_t eight_tests(const std::uint8_t* centre, const std::int32
                                    (test(4) | test(5) | test(6) | test(7)));
 }
 
-void rotated_brief_simd(const PixelBlock& blurred, const Corner* corners,
-                        const Rotation* rotations, int count, std::uint8_t* descriptors) {
+void rotated_brief_simd(const PixelBlock& blurred, const Corner* corners, const Rotation* rotations,
+                        int count, std::uint8_t* descriptors) {
   alignas(64) std::int32_t offsets[2 * kPairs];
   for (int i = 0; i < count; ++i) {
     turn_pattern(rotations[i], blurred.stride, offsets);

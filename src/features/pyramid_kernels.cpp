@@ -30,9 +30,9 @@ void blur_level_simd(const PixelBlock& source, const MutablePixelBlock& target,
 
 namespace hn = hwy::HWY_NAMESPACE;
 
-// Unsigned 16-bit numbers are kept as signed ones, 32768 less, because the multiplication of pairs is
-// signed. Weights sum to 256, so the shift of a weighted sum is known: with it goes the half of 2^16
-// that turns truncation into rounding.
+// Unsigned 16-bit numbers are kept as signed ones, 32768 less, because the multiplication of pairs
+// is signed. Weights sum to 256, so the shift of a weighted sum is known: with it goes the half of
+// 2^16 that turns truncation into rounding.
 constexpr std::uint16_t kSignShift = 0x8000;
 constexpr std::int32_t kUnshiftAndRound = 32768 * 256 + 32768;
 
@@ -73,8 +73,8 @@ struct ResizeStep {
 
 constexpr int kStepsAtOnce = 64;
 
-/// Fills the steps for the outputs x .. x + 4 count. False if four outputs reach over more than eight
-/// inputs.
+/// Fills the steps for the outputs x .. x + 4 count. False if four outputs reach over more than
+/// eight inputs.
 bool plan_steps(const ResizeAxis& columns, int x, int count, int width, ResizeStep* steps) {
   for (int s = 0; s < count; ++s) {
     ResizeStep& step = steps[s];
@@ -111,8 +111,8 @@ HWY_INLINE void apply_steps(const std::uint16_t* row, const ResizeStep* steps, i
   const hn::FixedTag<std::int16_t, 8> d16;
   const hn::FixedTag<std::uint8_t, 8> d8;
   for (int s = 0; s < count; s += 2) {
-    const auto words = hn::ReorderDemote2To(d16, blend_columns(row, steps[s]),
-                                            blend_columns(row, steps[s + 1]));
+    const auto words =
+        hn::ReorderDemote2To(d16, blend_columns(row, steps[s]), blend_columns(row, steps[s + 1]));
     hn::StoreU(hn::DemoteTo(d8, words), d8, out + 4 * s);
   }
 }
@@ -164,9 +164,8 @@ void blur_columns(const std::uint8_t* const rows[7], int width, std::uint16_t* H
   const auto w2 = hn::Set(d16, static_cast<std::uint16_t>(kBlurWeights[2]));
   const auto w3 = hn::Set(d16, static_cast<std::uint16_t>(kBlurWeights[3]));
   const auto shift = hn::Set(d16, kSignShift);
-  const auto pixels = [&](int row, int x) HWY_ATTR {
-    return hn::PromoteTo(d16, hn::LoadU(d8, rows[row] + x));
-  };
+  const auto pixels = [&](int row, int x)
+                          HWY_ATTR { return hn::PromoteTo(d16, hn::LoadU(d8, rows[row] + x)); };
   for (int x = 0; x < width; x += lanes) {
     const auto outer = hn::Mul(hn::Add(pixels(0, x), pixels(6, x)), w0);
     const auto next = hn::Mul(hn::Add(pixels(1, x), pixels(5, x)), w1);
@@ -208,7 +207,8 @@ void blur_along_row(const std::uint16_t* sums, int width, std::uint8_t* HWY_REST
     lower = add_products_of_pairs(d32, hn::InterleaveLower(d16, d, zero), w3, lower);
     upper = add_products_of_pairs(d32, hn::InterleaveUpper(d16, d, zero), w3, upper);
     // Interleaving and narrowing both work on blocks of 128 bits, so the order is restored.
-    const auto words = hn::ReorderDemote2To(d16, hn::ShiftRight<16>(lower), hn::ShiftRight<16>(upper));
+    const auto words =
+        hn::ReorderDemote2To(d16, hn::ShiftRight<16>(lower), hn::ShiftRight<16>(upper));
     hn::StoreU(hn::DemoteTo(d8, words), d8, out + x);
   }
 }
@@ -259,8 +259,7 @@ void resize_level(const PixelBlock& source, const ResizeAxis& columns, const Res
   HWY_DYNAMIC_DISPATCH(resize_level_target)(source, columns, rows, target, scratch);
 }
 
-void blur_level(const PixelBlock& source, const MutablePixelBlock& target,
-                std::uint16_t* scratch) {
+void blur_level(const PixelBlock& source, const MutablePixelBlock& target, std::uint16_t* scratch) {
   HWY_DYNAMIC_DISPATCH(blur_level_target)(source, target, scratch);
 }
 

@@ -12,8 +12,7 @@ namespace dynslam::features {
 
 /// Number of bits in which two strings of `bytes` bytes differ. Any length, any
 /// alignment; 0 for no bytes. O(bytes), no allocation, thread-safe.
-int hamming_distance(const std::uint8_t *a, const std::uint8_t *b,
-                     std::size_t bytes);
+int hamming_distance(const std::uint8_t* a, const std::uint8_t* b, std::size_t bytes);
 
 /// distances[i] = distance of `query` to row i of `train`.
 ///
@@ -28,7 +27,6 @@ void hamming_distances(Span<const std::uint8_t> query, DescriptorsView train,
 /// Throws InvalidArgument as above (with indices.size() for the rows), or if an
 /// index is not a row.
 void hamming_distances(Span<const std::uint8_t> query, DescriptorsView train,
-                       Span<const std::int32_t> indices,
-                       Span<std::int32_t> distances);
+                       Span<const std::int32_t> indices, Span<std::int32_t> distances);
 
-} // namespace dynslam::features
+}  // namespace dynslam::features

@@ -40,8 +40,7 @@ struct BruteForceOptions {
 /// trains x bytes); allocates as `matches` grows, and O(queries + trains)
 /// scratch. Thread-safe, deterministic, the same on every SIMD target.
 void match_brute_force(DescriptorsView query, DescriptorsView train,
-                       const BruteForceOptions &options,
-                       std::vector<Match> &matches);
+                       const BruteForceOptions& options, std::vector<Match>& matches);
 
 /// Where the features of the map (or of another frame) are expected in this
 /// frame: P of them, everything bound without a copy.
@@ -63,7 +62,7 @@ struct WindowPredictions {
 /// Features of the frame that is searched: N of them.
 struct WindowFeatures {
   /// Grid built over the features' positions; required, grid->size() == N.
-  const KeypointGrid *grid = nullptr;
+  const KeypointGrid* grid = nullptr;
   /// Octave of each feature, N; may be empty if no prediction bounds octaves
   /// and `ratio_within_octave` is off. Bind with `field(keypoints,
   /// &cv::KeyPoint::octave)`.
@@ -106,8 +105,7 @@ struct WindowOptions {
 /// widths differ; `matches` is then untouched. O(candidates x bytes + M log M
 /// for `one_to_one`); allocates only as `matches` grows. Thread-safe,
 /// deterministic, the same on every SIMD target.
-void match_windowed(const WindowPredictions &predictions,
-                    const WindowFeatures &features,
-                    const WindowOptions &options, std::vector<Match> &matches);
+void match_windowed(const WindowPredictions& predictions, const WindowFeatures& features,
+                    const WindowOptions& options, std::vector<Match>& matches);
 
-} // namespace dynslam::features
+}  // namespace dynslam::features

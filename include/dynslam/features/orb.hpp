@@ -78,14 +78,14 @@ struct OrbOptions {
 /// SIFT or SURF", ICCV 2011. Departures: FAST score instead of the Harris
 /// measure, quadtree instead of the globally strongest, two thresholds.
 class OrbExtractor {
-public:
+ public:
   /// Throws InvalidArgument if the options are invalid.
-  explicit OrbExtractor(const OrbOptions &options = {});
+  explicit OrbExtractor(const OrbOptions& options = {});
   ~OrbExtractor();
-  OrbExtractor(OrbExtractor &&) noexcept;
-  OrbExtractor &operator=(OrbExtractor &&) noexcept;
-  OrbExtractor(const OrbExtractor &) = delete;
-  OrbExtractor &operator=(const OrbExtractor &) = delete;
+  OrbExtractor(OrbExtractor&&) noexcept;
+  OrbExtractor& operator=(OrbExtractor&&) noexcept;
+  OrbExtractor(const OrbExtractor&) = delete;
+  OrbExtractor& operator=(const OrbExtractor&) = delete;
 
   /// Replaces `keypoints` and `descriptors` (N x 32, CV_8U, N <= max_features;
   /// an empty matrix if N = 0) by the features of `image`, ordered by octave.
@@ -99,8 +99,8 @@ public:
   /// outputs are then untouched. O(pixels + corners log corners); allocates
   /// only when an image is larger or has more corners than any before.
   /// `descriptors` is reallocated only if its shape must change.
-  void extract(GrayView image, MaskView mask,
-               std::vector<cv::KeyPoint> &keypoints, cv::Mat &descriptors);
+  void extract(GrayView image, MaskView mask, std::vector<cv::KeyPoint>& keypoints,
+               cv::Mat& descriptors);
 
   /// Descriptors (N x 32, CV_8U) of key points found elsewhere, at their `pt`,
   /// `angle` (degrees) and `octave`; row i belongs to keypoints[i].
@@ -111,21 +111,20 @@ public:
   /// angle, lies outside the image, or has an octave that the pyramid of this
   /// image lacks; outputs are then untouched. Cost as `extract` without the
   /// search.
-  void describe(GrayView image, Span<const cv::KeyPoint> keypoints,
-                cv::Mat &descriptors);
+  void describe(GrayView image, Span<const cv::KeyPoint> keypoints, cv::Mat& descriptors);
 
   /// Side of a level-0 pixel over that of a pixel of level i is 1 /
   /// scale_factors()[i]; `levels` entries, the first 1.
-  const std::vector<float> &scale_factors() const;
+  const std::vector<float>& scale_factors() const;
 
   /// Most features that each level is asked for; sums to max_features.
-  const std::vector<int> &features_per_level() const;
+  const std::vector<int>& features_per_level() const;
 
-  const OrbOptions &options() const;
+  const OrbOptions& options() const;
 
-private:
+ private:
   struct Impl;
   std::unique_ptr<Impl> impl_;
 };
 
-} // namespace dynslam::features
+}  // namespace dynslam::features
