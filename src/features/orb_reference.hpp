@@ -7,6 +7,7 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <cstdlib>
 
 #include "features/orb_kernels.hpp"
 #include "features/orb_pattern.hpp"
@@ -56,6 +57,10 @@ inline void blur_level(const PixelBlock& source, const MutablePixelBlock& target
 /// Largest t at which the pixel is a FAST-9 corner (nine neighbours in a row on the circle all
 /// brighter than centre + t or all darker than centre - t), or 0 if it is none at `threshold`.
 inline std::uint8_t fast_score(const std::uint8_t* pixel, std::ptrdiff_t stride, int threshold) {
+  // An arc of nine holds one of two opposite pixels at least.
+  const int right = std::abs(pixel[3] - pixel[0]);
+  const int left = std::abs(pixel[-3] - pixel[0]);
+  if (std::max(right, left) <= threshold) return 0;
   int best = 0;
   for (int start = 0; start < 16; ++start) {
     int brighter = 255;

@@ -86,9 +86,9 @@ std::vector<Match> by_hand(const cv::Mat& query, const cv::Mat& train,
 
 TEST(MatchBruteForce, EqualsTheDefinitionOnAllTargetsForAllOptionsAndSizes) {
   for (const int width : {1, 31, 32, 33, 48, 64, 270}) {
-    for (const auto& [queries, trains] : {std::pair{1, 1}, {3, 7}, {9, 8}, {40, 65}, {70, 33}}) {
-      const cv::Mat query = sparse(queries, width, 1);
-      const cv::Mat train = sparse(trains, width, 2);
+    for (const auto& rows : {std::pair{1, 1}, {3, 7}, {9, 8}, {40, 65}, {70, 33}}) {
+      const cv::Mat query = sparse(rows.first, width, 1);
+      const cv::Mat train = sparse(rows.second, width, 2);
       BruteForceOptions options;
       for (const bool cross_check : {false, true}) {
         for (const float ratio : {1.0F, 0.9F}) {
@@ -99,7 +99,7 @@ TEST(MatchBruteForce, EqualsTheDefinitionOnAllTargetsForAllOptionsAndSizes) {
             const std::vector<Match> expected = by_hand(query, train, options);
             testing::for_each_target([&](const std::string& target) {
               EXPECT_TRUE(same(match(query, train, options), expected))
-                  << target << " " << width << " " << queries << " " << trains;
+                  << target << " " << width << " " << query.rows << " " << train.rows;
             });
           }
         }

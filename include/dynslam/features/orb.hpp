@@ -19,8 +19,8 @@ inline constexpr int kOrbDescriptorBytes = 32;
 /// Diameter in level pixels of the patch that gives a key point its angle.
 inline constexpr int kOrbPatchSize = 31;
 
-/// Nearest that a key point comes to the border of its pyramid level, in level
-/// pixels: the farthest reach of a rotated test pair.
+/// Nearest that a key point comes to the border of its pyramid level, in level pixels; rotated test
+/// pairs reach 18.
 inline constexpr int kOrbBorder = 19;
 
 /// Settings of OrbExtractor.
@@ -54,29 +54,32 @@ struct OrbOptions {
   void validate() const;
 };
 
-/// Finds FAST-9 corners on an image pyramid, spreads them, and describes them
-/// with the steered 256-pair BRIEF of the ORB paper.
+/// Finds FAST-9 corners on an image pyramid, spreads them, and describes them with the steered
+/// 256-pair BRIEF of the ORB paper.
 ///
-/// Descriptors use OpenCV's learned test pairs, so vocabularies trained on
-/// cv::ORB (and systems derived from it) work unchanged. Key points are
-/// distributed over levels in proportion to the level's side, over the image by
-/// a quadtree: a leaf keeps its strongest corner, and the leaf with the most
-/// corners is split first.
+/// Descriptors use OpenCV's learned test pairs, so vocabularies trained on cv::ORB (and on systems
+/// derived from it) work unchanged. Levels get shares of the budget in inverse proportion to their
+/// scale, and what a level cannot fill goes to the others. Over a level the budget is spread by a
+/// quadtree: all squares of a size are quartered before any smaller one, the fullest first, until
+/// there are as many squares with corners as are asked for; each keeps its strongest corner.
 ///
-/// Each key point carries: `pt` in level-0 pixels (pixel centres at integers),
-/// `octave` (pyramid level), `angle` in degrees [0, 360), clockwise in the
-/// image (x right, y down), from the intensity centroid, `size` = 31
-/// scale_factors()[octave], `response` = FAST score in grey values (largest
-/// threshold at which the pixel is still a corner), `class_id` = -1.
+/// Each key point carries
+/// - `pt`: level-0 pixels, pixel centres at integers. Pixel i of a level is (i + 1/2) scale - 1/2.
+/// - `octave`: level of the pyramid.
+/// - `angle`: degrees in [0, 360), clockwise in the image (x right, y down), of the intensity
+///   centroid of a round patch 31 pixels wide.
+/// - `size`: 31 scale_factors()[octave].
+/// - `response`: FAST score in grey values, the largest threshold at which the pixel is a corner.
+/// - `class_id`: -1.
 ///
-/// Buffers are kept between calls: one extractor per thread, not thread-safe.
-/// The output depends on the image, the mask and the options alone, bit for
-/// bit, not on earlier calls nor on the SIMD target or OpenCV's number of
-/// threads.
+/// Buffers are kept between calls: one extractor per thread, not thread-safe. The output depends on
+/// the image, the mask and the options alone, bit for bit: not on earlier calls, on the vector
+/// instructions of the machine or on OpenCV's number of threads.
 ///
-/// Source: Rublee, Rabaud, Konolige, Bradski, "ORB: an efficient alternative to
-/// SIFT or SURF", ICCV 2011. Departures: FAST score instead of the Harris
-/// measure, quadtree instead of the globally strongest, two thresholds.
+/// Source: Rublee, Rabaud, Konolige, Bradski, "ORB: an efficient alternative to SIFT or SURF", ICCV
+/// 2011. Departures: FAST score instead of the Harris measure, quadtree instead of the strongest of
+/// the whole image, two thresholds. Departure from OpenCV: `pt` is where the pixel's centre really
+/// lies; OpenCV's i * scale is off by (scale - 1) / 2, which is 1.3 pixels on the eighth level.
 class OrbExtractor {
  public:
   /// Throws InvalidArgument if the options are invalid.
@@ -95,10 +98,11 @@ class OrbExtractor {
   /// nearest to `pt`. Images too small for a patch, flat images and fully
   /// masked ones give zero features.
   ///
-  /// Throws InvalidArgument if the image is empty or the mask has another size;
-  /// outputs are then untouched. O(pixels + corners log corners); allocates
+  /// Throws InvalidArgument if the image is empty, has a side above 65535, or the mask has another
+  /// size; outputs are then untouched. O(pixels + corners log corners); allocates
   /// only when an image is larger or has more corners than any before.
-  /// `descriptors` is reallocated only if its shape must change.
+  /// `descriptors` is reallocated only if its shape must change: like all of OpenCV's functions
+  /// this writes into the matrix it is given, so hand in a fresh one to keep the old rows.
   void extract(GrayView image, MaskView mask, std::vector<cv::KeyPoint>& keypoints,
                cv::Mat& descriptors);
 
@@ -113,8 +117,7 @@ class OrbExtractor {
   /// search.
   void describe(GrayView image, Span<const cv::KeyPoint> keypoints, cv::Mat& descriptors);
 
-  /// Side of a level-0 pixel over that of a pixel of level i is 1 /
-  /// scale_factors()[i]; `levels` entries, the first 1.
+  /// Side of a pixel of each level in level-0 pixels; `levels` entries, the first 1.
   const std::vector<float>& scale_factors() const;
 
   /// Most features that each level is asked for; sums to max_features.
