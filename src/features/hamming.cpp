@@ -14,11 +14,10 @@ void hamming_distances(Span<const std::uint8_t> query, DescriptorsView train,
                        Span<std::int32_t> distances) {
   constexpr const char* where = "hamming_distances";
   const std::size_t rows = train.empty() ? 0 : static_cast<std::size_t>(train.height);
-  require(distances.size() == rows, where, "distances.size()", distances.size(),
-          "the number of train rows, " + std::to_string(rows));
+  require(distances.size() == rows, where, "distances.size()", distances.size(), rows);
   if (rows == 0) return;
   require(query.size() == static_cast<std::size_t>(train.width), where, "query.size()",
-          query.size(), "the train descriptors' " + std::to_string(train.width) + " bytes");
+          query.size(), train.width);
   detail::hamming_many(query.data(), train.data, train.stride_bytes, query.size(), nullptr, rows,
                        distances.data());
 }
@@ -27,15 +26,17 @@ void hamming_distances(Span<const std::uint8_t> query, DescriptorsView train,
                        Span<const std::int32_t> indices, Span<std::int32_t> distances) {
   constexpr const char* where = "hamming_distances";
   require(distances.size() == indices.size(), where, "distances.size()", distances.size(),
-          "the number of indices, " + std::to_string(indices.size()));
+          indices.size());
   if (indices.empty()) return;
   const int rows = train.empty() ? 0 : train.height;
   for (const std::int32_t index : indices) {
-    require(index >= 0 && index < rows, where, "indices[i]", index,
-            "a row of the " + std::to_string(rows) + " train descriptors");
+    if (index < 0 || index >= rows) {
+      throw_invalid_argument(where, "indices[i]", index,
+                             "a row of the " + std::to_string(rows) + " train descriptors");
+    }
   }
   require(query.size() == static_cast<std::size_t>(train.width), where, "query.size()",
-          query.size(), "the train descriptors' " + std::to_string(train.width) + " bytes");
+          query.size(), train.width);
   detail::hamming_many(query.data(), train.data, train.stride_bytes, query.size(), indices.data(),
                        indices.size(), distances.data());
 }

@@ -266,8 +266,10 @@ void match_brute_force(DescriptorsView query, DescriptorsView train,
     return;
   }
   require(query.width == train.width, where, "query.width", query.width, train.width);
-  require(static_cast<std::size_t>(query.width) <= detail::kMaxKeyBytes, where, "query.width",
-          query.width, "at most " + std::to_string(detail::kMaxKeyBytes) + " bytes");
+  if (static_cast<std::size_t>(query.width) > detail::kMaxKeyBytes) {
+    throw_invalid_argument(where, "query.width", query.width,
+                           "at most " + std::to_string(detail::kMaxKeyBytes) + " bytes");
+  }
 
   const AllNearest nearest = compare_all(query, train, options.cross_check);
   matches.clear();

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstddef>
 #include <cstring>
+#include <string>
 
 #include <opencv2/core.hpp>
 
@@ -21,6 +22,9 @@ using detail::Corner;
 /// Widest and highest image: corners are stored in 16 bits.
 constexpr int kMaxSide = 65535;
 
+/// Bytes before the first row and after the last.
+constexpr std::size_t kSlackAround = std::size_t{2} * detail::kRowSlack;
+
 /// A level with the slack that the kernels ask for.
 struct LevelImage {
   std::vector<std::uint8_t> bytes;
@@ -31,8 +35,8 @@ struct LevelImage {
   void resize(int new_width, int new_height) {
     width = new_width;
     height = new_height;
-    stride = (new_width + detail::kRowSlack + 63) / 64 * 64;
-    bytes.resize(static_cast<std::size_t>(stride * new_height + 2 * detail::kRowSlack));
+    stride = (std::ptrdiff_t{new_width} + detail::kRowSlack + 63) / 64 * 64;
+    bytes.resize(static_cast<std::size_t>(stride * new_height) + kSlackAround);
   }
   detail::MutablePixelBlock block() {
     return {bytes.data() + detail::kRowSlack, stride, width, height};
@@ -74,6 +78,10 @@ detail::Rotation rotation_of(float angle_degrees) {
   return {static_cast<float>(std::cos(angle)), static_cast<float>(std::sin(angle))};
 }
 
+std::string size_text(int width, int height) {
+  return std::to_string(width) + " x " + std::to_string(height);
+}
+
 bool is_inside(const detail::PixelBlock& level, int x, int y) {
   return x >= kOrbBorder && y >= kOrbBorder && x < level.width - kOrbBorder &&
          y < level.height - kOrbBorder;
@@ -91,6 +99,7 @@ void OrbOptions::validate() const {
           "1..254");
   require(min_fast_threshold >= 1 && min_fast_threshold <= fast_threshold, where,
           "min_fast_threshold", min_fast_threshold, "1..fast_threshold");
+  require(spread >= 0.0F && spread <= 1.0F, where, "spread", spread, "0..1");
   require(cell_size >= 8, where, "cell_size", cell_size, ">= 8");
   require(mask_margin >= 0 && mask_margin <= 1024, where, "mask_margin", mask_margin, "0..1024");
 }
@@ -165,7 +174,7 @@ struct OrbExtractor::Impl {
       corners.resize(static_cast<std::size_t>((first.width + 1) / 2) *
                      static_cast<std::size_t>((first.height + 1) / 2));
       scores.resize(3 * static_cast<std::size_t>(first.stride));
-      sums.resize(static_cast<std::size_t>(first.width + 2 * detail::kRowSlack));
+      sums.resize(static_cast<std::size_t>(first.width) + kSlackAround);
     }
     width = new_width;
     height = new_height;
@@ -209,7 +218,7 @@ struct OrbExtractor::Impl {
     detail::divide_budget(shares, available, options.max_features, take);
     int count = 0;
     for (std::size_t i = 0; i < levels.size(); ++i) {
-      chooser.spread(levels[i].corners, take[i], levels[i].chosen);
+      chooser.spread(levels[i].corners, take[i], options.spread, levels[i].chosen);
       count += static_cast<int>(levels[i].chosen.size());
     }
     return count;
@@ -247,12 +256,17 @@ struct OrbExtractor::Impl {
     const bool inside = keypoint.pt.x >= -0.5F && keypoint.pt.y >= -0.5F &&
                         keypoint.pt.x < static_cast<float>(width) - 0.5F &&
                         keypoint.pt.y < static_cast<float>(height) - 0.5F;
-    require(inside, where, "keypoints[i].pt",
-            "(" + std::to_string(keypoint.pt.x) + ", " + std::to_string(keypoint.pt.y) + ")",
-            "a position inside the image");
-    require(keypoint.octave >= 0 && static_cast<std::size_t>(keypoint.octave) < levels.size(),
-            where, "keypoints[i].octave", keypoint.octave,
-            "less than the " + std::to_string(levels.size()) + " levels of the image's pyramid");
+    if (!inside) {
+      throw_invalid_argument(
+          where, "keypoints[i].pt",
+          "(" + std::to_string(keypoint.pt.x) + ", " + std::to_string(keypoint.pt.y) + ")",
+          "a position inside the image, " + size_text(width, height));
+    }
+    if (keypoint.octave < 0 || static_cast<std::size_t>(keypoint.octave) >= levels.size()) {
+      throw_invalid_argument(
+          where, "keypoints[i].octave", keypoint.octave,
+          "less than the " + std::to_string(levels.size()) + " levels of the image's pyramid");
+    }
   }
 
   void describe_one(const cv::KeyPoint& keypoint, std::uint8_t* descriptor) const {
@@ -284,9 +298,10 @@ namespace {
 
 void require_image(const char* where, GrayView image) {
   require(!image.empty(), where, "image", "an empty image", "at least one pixel");
-  require(image.width <= kMaxSide && image.height <= kMaxSide, where, "image size",
-          std::to_string(image.width) + " x " + std::to_string(image.height),
-          "sides of at most " + std::to_string(kMaxSide) + " pixels");
+  if (image.width > kMaxSide || image.height > kMaxSide) {
+    throw_invalid_argument(where, "image size", size_text(image.width, image.height),
+                           "sides of at most " + std::to_string(kMaxSide) + " pixels");
+  }
 }
 
 /// Rows without gaps, whatever part of whatever matrix `descriptors` was.
@@ -301,9 +316,10 @@ void OrbExtractor::extract(GrayView image, MaskView mask, std::vector<cv::KeyPoi
                            cv::Mat& descriptors) {
   constexpr const char* where = "OrbExtractor::extract";
   require_image(where, image);
-  require(mask.empty() || mask.same_size(image), where, "mask size",
-          std::to_string(mask.width) + " x " + std::to_string(mask.height),
-          "the image's, " + std::to_string(image.width) + " x " + std::to_string(image.height));
+  if (!mask.empty() && !mask.same_size(image)) {
+    throw_invalid_argument(where, "mask size", size_text(mask.width, mask.height),
+                           "the image's, " + size_text(image.width, image.height));
+  }
 
   Impl& impl = *impl_;
   impl.build_pyramid(image);

@@ -55,14 +55,14 @@ int CornerChooser::drop_masked(const MaskProbe& mask, float scale, const PixelBl
 
 int CornerChooser::drop_weak(int cell_size, int threshold, const PixelBlock& level, Corner* corners,
                              int count) {
-  const int cells_in_row = (level.width + cell_size - 1) / cell_size;
-  const int cell_rows = (level.height + cell_size - 1) / cell_size;
+  const int cells_in_row = (level.width - 1) / cell_size + 1;
+  const int cell_rows = (level.height - 1) / cell_size + 1;
   columns_.resize(static_cast<std::size_t>(level.width));
   for (int x = 0; x < level.width; ++x) columns_[static_cast<std::size_t>(x)] = x / cell_size;
   cell_has_strong_.assign(
       static_cast<std::size_t>(cells_in_row) * static_cast<std::size_t>(cell_rows), 0);
   const auto cell_of = [&](const Corner& corner) -> std::uint8_t& {
-    const int row = corner.y / cell_size;
+    const std::ptrdiff_t row = corner.y / cell_size;
     return cell_has_strong_[static_cast<std::size_t>(row * cells_in_row + columns_[corner.x])];
   };
   for (int i = 0; i < count; ++i) {
@@ -145,6 +145,10 @@ int CornerChooser::split(const Node& node, int shift) {
 /// Leaves `leaves_` and `open_` with `target` nodes, or up to two more.
 void CornerChooser::grow_tree(int target) {
   const std::int32_t count = static_cast<std::int32_t>(sorted_.size());
+  // Lists that change places have to be of one size, or each has to grow in its turn.
+  for (std::vector<Node>* nodes : {&leaves_, &open_, &next_}) {
+    nodes->reserve(static_cast<std::size_t>(target) + 4);
+  }
   leaves_.clear();
   open_.assign(1, {0, count});
   int nodes = 1;
@@ -169,20 +173,57 @@ void CornerChooser::grow_tree(int target) {
   }
 }
 
+int CornerChooser::score_at(const std::vector<Corner>& corners, std::int32_t i) const {
+  return corners[static_cast<std::uint32_t>(sorted_[static_cast<std::size_t>(i)])].score;
+}
+
 std::int32_t CornerChooser::strongest(const Node& node, const std::vector<Corner>& corners) const {
   std::int32_t best = node.first;
-  int best_score = -1;
-  for (std::int32_t i = node.first; i < node.last; ++i) {
-    const auto corner = static_cast<std::uint32_t>(sorted_[static_cast<std::size_t>(i)]);
-    if (corners[corner].score > best_score) {
-      best_score = corners[corner].score;
-      best = i;
-    }
+  for (std::int32_t i = node.first + 1; i < node.last; ++i) {
+    if (score_at(corners, i) > score_at(corners, best)) best = i;
   }
   return best;
 }
 
-void CornerChooser::spread(const std::vector<Corner>& corners, int target,
+/// Marks one corner of each square of the quadtree, `count` at most.
+void CornerChooser::pick_evenly(const std::vector<Corner>& corners, int count) {
+  grow_tree(count);
+  picks_.clear();
+  for (const Node& leaf : leaves_) picks_.push_back(leaf.first);
+  for (const Node& node : open_) picks_.push_back(strongest(node, corners));
+  // The last split may have made more nodes than asked for: the weakest go.
+  if (picks_.size() > static_cast<std::size_t>(count)) {
+    const auto stronger = [&](std::int32_t a, std::int32_t b) {
+      const int score_a = score_at(corners, a);
+      const int score_b = score_at(corners, b);
+      return score_a != score_b ? score_a > score_b : a < b;
+    };
+    std::nth_element(picks_.begin(), picks_.begin() + (count - 1), picks_.end(), stronger);
+    picks_.resize(static_cast<std::size_t>(count));
+  }
+  for (const std::int32_t pick : picks_) picked_[static_cast<std::size_t>(pick)] = 1;
+}
+
+/// Marks the `count` strongest of the corners that are not marked yet, of equally strong ones the
+/// first.
+void CornerChooser::pick_strongest(const std::vector<Corner>& corners, int count) {
+  const std::int32_t size = static_cast<std::int32_t>(sorted_.size());
+  int with_score[256] = {};
+  for (std::int32_t i = 0; i < size; ++i) {
+    if (picked_[static_cast<std::size_t>(i)] == 0) ++with_score[score_at(corners, i)];
+  }
+  // All above the score `lowest` are taken, and `rest` of those that have it.
+  int lowest = 255;
+  int rest = count;
+  while (lowest > 0 && with_score[lowest] <= rest) rest -= with_score[lowest--];
+  for (std::int32_t i = 0; i < size; ++i) {
+    if (picked_[static_cast<std::size_t>(i)] != 0) continue;
+    const int score = score_at(corners, i);
+    if (score > lowest || (score == lowest && rest-- > 0)) picked_[static_cast<std::size_t>(i)] = 1;
+  }
+}
+
+void CornerChooser::spread(const std::vector<Corner>& corners, int target, float even_share,
                            std::vector<Corner>& chosen) {
   chosen.clear();
   if (target <= 0 || corners.empty()) return;
@@ -191,25 +232,14 @@ void CornerChooser::spread(const std::vector<Corner>& corners, int target,
     return;
   }
   sort_by_place(corners);
-  grow_tree(target);
-  const auto corner_at = [&](std::int32_t pick) -> const Corner& {
-    return corners[static_cast<std::uint32_t>(sorted_[static_cast<std::size_t>(pick)])];
-  };
-  picks_.clear();
-  for (const Node& leaf : leaves_) picks_.push_back(leaf.first);
-  for (const Node& node : open_) picks_.push_back(strongest(node, corners));
-  // The last split may have made more nodes than asked for: the weakest go.
-  if (picks_.size() > static_cast<std::size_t>(target)) {
-    const auto stronger = [&](std::int32_t a, std::int32_t b) {
-      const int score_a = corner_at(a).score;
-      const int score_b = corner_at(b).score;
-      return score_a != score_b ? score_a > score_b : a < b;
-    };
-    std::nth_element(picks_.begin(), picks_.begin() + (target - 1), picks_.end(), stronger);
-    picks_.resize(static_cast<std::size_t>(target));
+  picked_.assign(corners.size(), 0);
+  const int evenly = static_cast<int>(std::lround(static_cast<float>(target) * even_share));
+  if (evenly > 0) pick_evenly(corners, evenly);
+  const int picked = evenly > 0 ? static_cast<int>(picks_.size()) : 0;
+  if (picked < target) pick_strongest(corners, target - picked);
+  for (std::size_t i = 0; i < sorted_.size(); ++i) {
+    if (picked_[i] != 0) chosen.push_back(corners[static_cast<std::uint32_t>(sorted_[i])]);
   }
-  std::sort(picks_.begin(), picks_.end());
-  for (const std::int32_t pick : picks_) chosen.push_back(corner_at(pick));
 }
 
 void divide_budget(const std::vector<int>& shares, const std::vector<int>& available,
@@ -223,13 +253,13 @@ void divide_budget(const std::vector<int>& shares, const std::vector<int>& avail
   while (left > 0) {
     std::int64_t share_sum = 0;
     for (std::size_t i = 0; i < shares.size(); ++i) {
-      if (take[i] < available[i]) share_sum += shares[i] + 1;
+      if (take[i] < available[i]) share_sum += std::int64_t{shares[i]} + 1;
     }
     if (share_sum == 0) return;
     const int to_divide = left;
     for (std::size_t i = 0; i < shares.size() && left > 0; ++i) {
       if (take[i] == available[i]) continue;
-      const std::int64_t part = std::int64_t{to_divide} * (shares[i] + 1) / share_sum;
+      const std::int64_t part = std::int64_t{to_divide} * (std::int64_t{shares[i]} + 1) / share_sum;
       const int more = std::min(
           {static_cast<int>(std::max<std::int64_t>(part, 1)), available[i] - take[i], left});
       take[i] += more;

@@ -43,11 +43,15 @@ class CornerChooser {
   /// number left, in order.
   int drop_weak(int cell_size, int threshold, const PixelBlock& level, Corner* corners, int count);
 
-  /// Replaces `chosen` by `target` of the corners (all, if there are no more), spread evenly: the
-  /// square around the level is quartered, its quarters are quartered, and so on, all of a size
-  /// before any smaller and the fullest first, until there are as many squares with corners as are
-  /// asked for; the strongest of each square is taken. In the order of the quadtree.
-  void spread(const std::vector<Corner>& corners, int target, std::vector<Corner>& chosen);
+  /// Replaces `chosen` by `target` of the corners (all, if there are no more), in the order of the
+  /// quadtree.
+  ///
+  /// `even_share` of them, 0..1, are spread evenly: the square around the level is quartered, its
+  /// quarters are quartered, and so on, all of a size before any smaller and the fullest first,
+  /// until there are as many squares with corners as are asked for; the strongest of each square is
+  /// taken. The others are the strongest of the rest, wherever they are.
+  void spread(const std::vector<Corner>& corners, int target, float even_share,
+              std::vector<Corner>& chosen);
 
  private:
   struct Node {
@@ -56,13 +60,17 @@ class CornerChooser {
   void sort_by_place(const std::vector<Corner>& corners);
   int split(const Node& node, int shift);
   void grow_tree(int target);
+  int score_at(const std::vector<Corner>& corners, std::int32_t i) const;
   std::int32_t strongest(const Node& node, const std::vector<Corner>& corners) const;
+  void pick_evenly(const std::vector<Corner>& corners, int count);
+  void pick_strongest(const std::vector<Corner>& corners, int count);
 
   std::vector<std::int32_t> columns_, rows_;
   std::vector<std::uint8_t> cell_has_strong_;
   std::vector<std::uint64_t> sorted_, scratch_;  // place in the quadtree (high half), corner
   std::vector<Node> open_, next_, leaves_;
-  std::vector<std::int32_t> picks_;
+  std::vector<std::int32_t> picks_;   // indices into `sorted_`
+  std::vector<std::uint8_t> picked_;  // one for each of `sorted_`
 };
 
 /// How many key points each level gives: its share, as far as it has corners, and what the others

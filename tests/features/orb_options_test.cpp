@@ -66,6 +66,16 @@ TEST(OrbOptions, MinFastThresholdIsNotAboveFastThreshold) {
   EXPECT_EQ(complaint([](OrbOptions& o) { o.min_fast_threshold = 20; }), "");
 }
 
+TEST(OrbOptions, SpreadIsAShare) {
+  const float nan = std::numeric_limits<float>::quiet_NaN();
+  for (const float bad : {-0.1F, 1.1F, nan}) {
+    EXPECT_TRUE(names(complaint([bad](OrbOptions& o) { o.spread = bad; }), "spread"));
+  }
+  for (const float good : {0.0F, 1.0F}) {
+    EXPECT_EQ(complaint([good](OrbOptions& o) { o.spread = good; }), "");
+  }
+}
+
 TEST(OrbOptions, CellsHaveAtLeastEightPixels) {
   EXPECT_TRUE(names(complaint([](OrbOptions& o) { o.cell_size = 7; }), "cell_size"));
 }

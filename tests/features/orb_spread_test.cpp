@@ -1,5 +1,6 @@
 #include "features/orb_spread.hpp"
 
+#include <algorithm>
 #include <numeric>
 #include <set>
 
@@ -32,11 +33,13 @@ TEST(CornerChooser, ReturnsExactlyAsManyAsAskedForAndNoneTwice) {
   for (const int count : {0, 1, 2, 17, 3000}) {
     const std::vector<Corner> corners = random_corners(count, 640, 480, 1);
     for (const int target : {0, 1, 2, 3, 4, 5, 16, 17, 100, 999, 5000}) {
-      chooser.spread(corners, target, chosen);
-      EXPECT_EQ(static_cast<int>(chosen.size()), std::min(count, target));
-      std::set<std::pair<int, int>> places;
-      for (const Corner& corner : chosen) places.insert({corner.x, corner.y});
-      EXPECT_EQ(places.size(), chosen.size());
+      for (const float share : {0.0F, 0.1F, 0.5F, 1.0F}) {
+        chooser.spread(corners, target, share, chosen);
+        EXPECT_EQ(static_cast<int>(chosen.size()), std::min(count, target));
+        std::set<std::pair<int, int>> places;
+        for (const Corner& corner : chosen) places.insert({corner.x, corner.y});
+        EXPECT_EQ(places.size(), chosen.size());
+      }
     }
   }
 }
@@ -46,7 +49,7 @@ TEST(CornerChooser, TakesTheStrongestIfAskedForOne) {
   std::vector<Corner> corners = random_corners(500, 640, 480, 2);
   corners[123].score = 255;
   std::vector<Corner> chosen;
-  chooser.spread(corners, 1, chosen);
+  chooser.spread(corners, 1, 1.0F, chosen);
   ASSERT_EQ(chosen.size(), 1U);
   EXPECT_EQ(chosen[0].score, 255);
 }
@@ -60,17 +63,56 @@ TEST(CornerChooser, GivesSparseRegionsTheirShare) {
   }
   CornerChooser chooser;
   std::vector<Corner> chosen;
-  chooser.spread(corners, 200, chosen);
+  chooser.spread(corners, 200, 1.0F, chosen);
   int right = 0;
   for (const Corner& corner : chosen) right += corner.x >= 100;
   EXPECT_GE(right, 36);
+}
+
+TEST(CornerChooser, TakesTheStrongestOnlyIfNoneAreToBeSpread) {
+  const std::vector<Corner> corners = random_corners(2000, 640, 480, 5);
+  CornerChooser chooser;
+  std::vector<Corner> chosen;
+  chooser.spread(corners, 300, 0.0F, chosen);
+  std::vector<int> all, taken;
+  for (const Corner& corner : corners) all.push_back(corner.score);
+  for (const Corner& corner : chosen) taken.push_back(corner.score);
+  std::sort(all.rbegin(), all.rend());
+  std::sort(taken.rbegin(), taken.rend());
+  all.resize(300);
+  EXPECT_EQ(taken, all);
+}
+
+TEST(CornerChooser, HoldsTheEvenlySpreadOnesAndTheStrongestOfTheRest) {
+  const std::vector<Corner> corners = random_corners(2000, 640, 480, 6);
+  CornerChooser chooser;
+  std::vector<Corner> even, both;
+  chooser.spread(corners, 150, 1.0F, even);
+  chooser.spread(corners, 300, 0.5F, both);
+  const auto place = [](const Corner& corner) { return std::pair(corner.x, corner.y); };
+  std::set<std::pair<int, int>> places;
+  for (const Corner& corner : both) places.insert(place(corner));
+  for (const Corner& corner : even) EXPECT_EQ(places.count(place(corner)), 1U);
+  int strongest_left_out = 0;
+  for (const Corner& corner : corners) {
+    if (places.count(place(corner)) == 0) {
+      strongest_left_out = std::max<int>(strongest_left_out, corner.score);
+    }
+  }
+  std::set<std::pair<int, int>> even_places;
+  for (const Corner& corner : even) even_places.insert(place(corner));
+  for (const Corner& corner : both) {
+    if (even_places.count(place(corner)) == 0) {
+      EXPECT_GE(corner.score, strongest_left_out);
+    }
+  }
 }
 
 TEST(CornerChooser, WorksOnCornersAtTheEndsOfItsRange) {
   const std::vector<Corner> corners = {{0, 0, 1}, {65534, 0, 2}, {0, 65534, 3}, {65534, 65534, 4}};
   CornerChooser chooser;
   std::vector<Corner> chosen;
-  chooser.spread(corners, 3, chosen);
+  chooser.spread(corners, 3, 1.0F, chosen);
   ASSERT_EQ(chosen.size(), 3U);
   for (const Corner& corner : chosen) EXPECT_GT(corner.score, 1);  // the weakest had to go
 }

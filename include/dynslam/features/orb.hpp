@@ -42,6 +42,10 @@ struct OrbOptions {
   /// empty, 1..fast_threshold. Set equal to `fast_threshold` to switch the
   /// second try off.
   int min_fast_threshold = 7;
+  /// Share of each level's budget that is spread evenly over the image, 0..1; the rest goes to the
+  /// strongest corners left, wherever they are. Even features hold a pose better, strong ones are
+  /// found again more often. 0: the strongest only, as cv::ORB; 1: evenly only. Engineering.
+  float spread = 0.5F;
   /// Side in level pixels of the cells of the two thresholds, >= 8.
   /// Engineering.
   int cell_size = 32;
@@ -59,9 +63,10 @@ struct OrbOptions {
 ///
 /// Descriptors use OpenCV's learned test pairs, so vocabularies trained on cv::ORB (and on systems
 /// derived from it) work unchanged. Levels get shares of the budget in inverse proportion to their
-/// scale, and what a level cannot fill goes to the others. Over a level the budget is spread by a
+/// scale, and what a level cannot fill goes to the others. Of each share a part is spread by a
 /// quadtree: all squares of a size are quartered before any smaller one, the fullest first, until
-/// there are as many squares with corners as are asked for; each keeps its strongest corner.
+/// there are as many squares with corners as are asked for; each keeps its strongest corner. The
+/// other part goes to the strongest of the other corners (see OrbOptions::spread).
 ///
 /// Each key point carries
 /// - `pt`: level-0 pixels, pixel centres at integers. Pixel i of a level is (i + 1/2) scale - 1/2.
@@ -77,8 +82,8 @@ struct OrbOptions {
 /// instructions of the machine or on OpenCV's number of threads.
 ///
 /// Source: Rublee, Rabaud, Konolige, Bradski, "ORB: an efficient alternative to SIFT or SURF", ICCV
-/// 2011. Departures: FAST score instead of the Harris measure, quadtree instead of the strongest of
-/// the whole image, two thresholds. Departure from OpenCV: `pt` is where the pixel's centre really
+/// 2011. Departures: FAST score instead of the Harris measure, quadtree beside the strongest of the
+/// whole image, two thresholds. Departure from OpenCV: `pt` is where the pixel's centre really
 /// lies; OpenCV's i * scale is off by (scale - 1) / 2, which is 1.3 pixels on the eighth level.
 class OrbExtractor {
  public:
