@@ -24,6 +24,9 @@ struct ReadTrajectoryOptions {
   std::string times_path;
   /// Accept timestamps out of order and sort them; equal ones stay an error. Engineering.
   bool sort = false;
+  /// Of poses with equal timestamps keep the first instead of refusing the file. Motion capture
+  /// files rounded to 1e-4 s have such rows (TUM fr2_desk has one). Engineering.
+  bool drop_repeated = false;
   /// Largest | |q| - 1 | of a TUM quaternion and largest entry of | R^T R - I | of a KITTI rotation
   /// that is taken for rounding and normalized away, in [0, 0.5]. Engineering: files with four
   /// decimals deviate by 1e-4.
