@@ -1,7 +1,8 @@
 #include "dynslam/evaluation/alignment.hpp"
 
-#include <Eigen/SVD>
 #include <string>
+
+#include <Eigen/SVD>
 
 #include "dynslam/core/errors.hpp"
 

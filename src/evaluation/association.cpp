@@ -5,6 +5,7 @@
 #include <cstddef>
 
 #include "dynslam/core/errors.hpp"
+
 #include "evaluation/trajectory_checks.hpp"
 
 namespace dynslam::evaluation {
@@ -26,9 +27,9 @@ std::vector<Event> merge(Span<const StampedPose> truth, Span<const StampedPose> 
   events.reserve(truth.size() + estimate.size());
   std::size_t i = 0, j = 0;
   while (i < truth.size() || j < estimate.size()) {
-    const bool take_truth = j == estimate.size() ||
-                            (i < truth.size() &&
-                             truth[i].timestamp <= estimate[j].timestamp + offset);
+    const bool take_truth =
+        j == estimate.size() ||
+        (i < truth.size() && truth[i].timestamp <= estimate[j].timestamp + offset);
     if (take_truth) {
       events.push_back({truth[i].timestamp, i, true});
       ++i;

@@ -1,18 +1,18 @@
 #include "evaluation/gnuplot.hpp"
 
-#include <fcntl.h>
-#include <poll.h>
-#include <signal.h>
-#include <spawn.h>
-#include <sys/wait.h>
-#include <unistd.h>
-
 #include <algorithm>
 #include <cerrno>
 #include <chrono>
 #include <cstdio>
 #include <memory>
 #include <system_error>
+
+#include <fcntl.h>
+#include <poll.h>
+#include <signal.h>
+#include <spawn.h>
+#include <sys/wait.h>
+#include <unistd.h>
 
 extern char** environ;
 
@@ -154,8 +154,8 @@ PlotResult run_gnuplot(const std::string& script, const GnuplotOptions& options)
   result.svg = svg_element(text);
   if (!result.svg.empty()) return result;
   const std::string said = complaint(errors.get());
-  return failure(PlotStatus::kGnuplotFailed, "\"" + options.program + "\" gave no SVG" +
-                                                 (said.empty() ? "" : ": " + said));
+  return failure(PlotStatus::kGnuplotFailed,
+                 "\"" + options.program + "\" gave no SVG" + (said.empty() ? "" : ": " + said));
 }
 
 }  // namespace dynslam::evaluation

@@ -4,6 +4,7 @@
 
 #include "dynslam/core/errors.hpp"
 #include "dynslam/evaluation/metrics.hpp"
+
 #include "evaluation/associated.hpp"
 
 namespace dynslam::evaluation {

@@ -39,8 +39,9 @@ LoopScores score_loops(ImageView<const std::uint8_t> truth, Span<const LoopDetec
   scores.loops_true = count_true_rows(truth);
   scores.detected = detections.size();
   std::vector<LoopDetection> sorted(detections.begin(), detections.end());
-  std::stable_sort(sorted.begin(), sorted.end(),
-                   [](const LoopDetection& a, const LoopDetection& b) { return a.score > b.score; });
+  std::stable_sort(
+      sorted.begin(), sorted.end(),
+      [](const LoopDetection& a, const LoopDetection& b) { return a.score > b.score; });
 
   std::vector<bool> found(scores.queries, false);
   std::size_t rows_found = 0;

@@ -6,6 +6,7 @@
 
 #include "dynslam/core/errors.hpp"
 #include "dynslam/core/so3.hpp"
+
 #include "evaluation/associated.hpp"
 #include "evaluation/trajectory_checks.hpp"
 
@@ -119,7 +120,8 @@ std::vector<double> path_lengths(Span<const StampedPose> trajectory,
 
 RigidTransform relative_error(Span<const StampedPose> truth, Span<const StampedPose> estimate,
                               const PosePair& first, const PosePair& second) {
-  const RigidTransform Q = truth[first.truth].T_world_cam.inverse() * truth[second.truth].T_world_cam;
+  const RigidTransform Q =
+      truth[first.truth].T_world_cam.inverse() * truth[second.truth].T_world_cam;
   const RigidTransform P =
       estimate[first.estimate].T_world_cam.inverse() * estimate[second.estimate].T_world_cam;
   return Q.inverse() * P;

@@ -8,6 +8,7 @@
 #include <limits>
 
 #include "dynslam/core/errors.hpp"
+
 #include "evaluation/file_io.hpp"
 #include "evaluation/gnuplot.hpp"
 #include "evaluation/text.hpp"
@@ -142,14 +143,15 @@ class Script {
     const std::string block = "$d" + std::to_string(index);
     const std::size_t begin = data_.size();
     data_ += block + " << END_OF_DATA\n";
-    const bool any = series.style == PlotStyle::kStacked ? add_stack(series, height)
-                                                         : add_points(series);
+    const bool any =
+        series.style == PlotStyle::kStacked ? add_stack(series, height) : add_points(series);
     data_ += "END_OF_DATA\n";
     if (!any) {  // gnuplot stops at a series without a point
       data_.resize(begin);
       return;
     }
-    const std::string color = series.color.empty() ? kPalette[index % kPalette.size()] : series.color;
+    const std::string color =
+        series.color.empty() ? kPalette[index % kPalette.size()] : series.color;
     if (!curves_.empty()) curves_ += ", ";
     curves_ += block + curve_style(series, color) +
                (series.name.empty() ? " notitle" : " title " + quoted(series.name));
@@ -246,7 +248,7 @@ class Script {
       y_.high += 0.06 * y_.size();
       if (!plot_.y_from_zero) y_.low -= 0.06 * y_.size();
     }
-    std::string s = "set encoding utf8\nset terminal svg noenhanced size " +
+    std::string s = "set encoding utf8\nset terminal svg noenhanced rounded size " +
                     std::to_string(plot_.width) + "," + std::to_string(plot_.height) +
                     " font 'sans-serif,12' background rgb 'white' dashlength 1\n"
                     "set border 3 lc rgb '#9aa3ad' lw 1\n"
@@ -254,7 +256,8 @@ class Script {
                     "set grid lc rgb '#e6e9ed' lt 1 lw 1\n"
                     "set key outside top left horizontal Left reverse samplen 2 "
                     "textcolor rgb '#2b333b'\n";
-    if (!plot_.title.empty()) s += "set title " + quoted(plot_.title) + " textcolor rgb '#1d242b'\n";
+    if (!plot_.title.empty())
+      s += "set title " + quoted(plot_.title) + " textcolor rgb '#1d242b'\n";
     s += "set xlabel " + quoted(plot_.x_label) + " textcolor rgb '#4a5560'\n";
     s += "set ylabel " + quoted(plot_.y_label) + " textcolor rgb '#4a5560'\n";
     s += range_text("x", x_) + range_text("y", y_);
@@ -286,8 +289,8 @@ void Plot::validate() const {
     const std::string name = "series[" + std::to_string(i) + "]";
     const std::string same = "as many as x has, " + std::to_string(s.x.size());
     require(s.y.size() == s.x.size(), "Plot", name + ".y", s.y.size(), same);
-    require(s.line_width > 0.0 && s.line_width < 1000.0, "Plot", name + ".line_width",
-            s.line_width, "a width above 0");
+    require(s.line_width > 0.0 && s.line_width < 1000.0, "Plot", name + ".line_width", s.line_width,
+            "a width above 0");
     require(s.color.empty() || is_color(s.color), "Plot", name + ".color", s.color, "#rrggbb");
     if (s.style == PlotStyle::kSegments) {
       require(s.x2.size() == s.x.size(), "Plot", name + ".x2", s.x2.size(), same);

@@ -5,6 +5,7 @@
 
 #include "dynslam/core/errors.hpp"
 #include "dynslam/evaluation/metrics.hpp"
+
 #include "evaluation/associated.hpp"
 
 namespace dynslam::evaluation {
@@ -20,8 +21,8 @@ IndexPairs pairs_by_frames(std::size_t count, std::size_t delta, bool all) {
   return pairs;
 }
 
-// The first index after `i` whose value is nearest to at[i] + delta, if it is near enough. `at` does
-// not decrease.
+// The first index after `i` whose value is nearest to at[i] + delta, if it is near enough. `at`
+// does not decrease.
 std::optional<std::size_t> partner(const std::vector<double>& at, std::size_t i, double delta,
                                    double tolerance) {
   const auto first = at.begin() + static_cast<std::ptrdiff_t>(i) + 1;
@@ -47,8 +48,8 @@ IndexPairs pairs_near(const std::vector<double>& at, const RpeOptions& options, 
 }
 
 IndexPairs pairs_between_knots(Span<const StampedPose> trajectory,
-                               const std::vector<PosePair>& associated,
-                               std::size_t PosePair::*side, double delta) {
+                               const std::vector<PosePair>& associated, std::size_t PosePair::*side,
+                               double delta) {
   IndexPairs pairs;
   std::optional<std::size_t> knot;
   double sum = 0.0;  // from zero at each knot: a difference of long sums would round differently

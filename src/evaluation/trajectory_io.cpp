@@ -1,6 +1,5 @@
 #include "dynslam/evaluation/trajectory_io.hpp"
 
-#include <Eigen/SVD>
 #include <algorithm>
 #include <array>
 #include <charconv>
@@ -9,7 +8,10 @@
 #include <numeric>
 #include <vector>
 
+#include <Eigen/SVD>
+
 #include "dynslam/core/errors.hpp"
+
 #include "evaluation/file_io.hpp"
 #include "evaluation/trajectory_checks.hpp"
 
@@ -199,9 +201,9 @@ void take_times(const ReadTrajectoryOptions& options, const std::string& name, L
   std::vector<std::size_t> lines;
   const std::vector<double> times = read_times(options.times_path, lines);
   if (times.size() != read.poses.size()) {
-    throw_io_error(options.times_path,
-                   std::to_string(times.size()) + " timestamps, expected " +
-                       std::to_string(read.poses.size()) + ", one for each pose of " + name);
+    throw_io_error(options.times_path, std::to_string(times.size()) + " timestamps, expected " +
+                                           std::to_string(read.poses.size()) +
+                                           ", one for each pose of " + name);
   }
   for (std::size_t i = 0; i < times.size(); ++i) read.poses[i].timestamp = times[i];
   read.lines = std::move(lines);
@@ -209,10 +211,10 @@ void take_times(const ReadTrajectoryOptions& options, const std::string& name, L
 
 void append_fixed(std::string& text, double value, int decimals) {
   char buffer[400];
-  const auto result = decimals >= 0 ? std::to_chars(buffer, buffer + sizeof buffer, value,
-                                                    std::chars_format::fixed, decimals)
-                                    : std::to_chars(buffer, buffer + sizeof buffer, value,
-                                                    std::chars_format::fixed);
+  const auto result =
+      decimals >= 0
+          ? std::to_chars(buffer, buffer + sizeof buffer, value, std::chars_format::fixed, decimals)
+          : std::to_chars(buffer, buffer + sizeof buffer, value, std::chars_format::fixed);
   text.append(buffer, result.ptr);
 }
 

@@ -37,7 +37,7 @@ struct RunRecord {
   std::vector<FrameState> states;   ///< one a frame
   std::vector<double> frame_ms;     ///< whole frame, one a frame
   std::vector<StageTimes> stages;
-  std::vector<FrameSeries> series;                         ///< the first five are drawn
+  std::vector<FrameSeries> series;  ///< the first six are drawn, each by itself
   std::vector<std::pair<std::string, std::string>> facts;  ///< further rows of the summary table
 };
 
