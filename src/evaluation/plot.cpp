@@ -6,6 +6,7 @@
 #include <cmath>
 #include <cstddef>
 #include <limits>
+#include <numeric>
 
 #include "dynslam/core/errors.hpp"
 
@@ -17,9 +18,7 @@ namespace dynslam::evaluation {
 namespace {
 
 constexpr std::size_t kMaxPoints = 4000;
-// Okabe and Ito's colours, told apart by the colour-blind and in grey; blue first.
-constexpr std::array<const char*, 7> kPalette = {"#0072b2", "#d55e00", "#009e73", "#cc79a7",
-                                                 "#e69f00", "#56b4e9", "#6b6b6b"};
+constexpr int kColorBoxRoom = 100;  // pixels right of the frame
 constexpr double kLargestNumber = 1e100;
 
 bool drawable(double value) { return std::abs(value) < kLargestNumber; }  // false for NaN
@@ -71,23 +70,28 @@ struct Range {
 };
 
 // Indices of a series that are drawn: all, or of each of many buckets the first, the last, the
-// lowest, the highest and a gap.
+// lowest, the highest and where gaps begin.
 std::vector<std::size_t> drawn_points(const PlotSeries& series) {
   const std::size_t n = series.x.size();
   std::vector<std::size_t> kept;
-  const std::size_t buckets = std::min(n, kMaxPoints / 5);
+  if (n <= kMaxPoints) {
+    kept.resize(n);
+    std::iota(kept.begin(), kept.end(), std::size_t{0});
+    return kept;
+  }
+  const auto gap = [&](std::size_t i) { return !drawable(series.x[i]) || !drawable(series.y[i]); };
   const std::vector<double>& key = series.style == PlotStyle::kHeat ? series.value : series.y;
+  std::vector<std::size_t> pick;
+  const std::size_t buckets = kMaxPoints / 4;
   for (std::size_t b = 0; b < buckets; ++b) {
     const std::size_t begin = n * b / buckets, end = n * (b + 1) / buckets;
-    if (n <= kMaxPoints) {
-      for (std::size_t i = begin; i < end; ++i) kept.push_back(i);
-      continue;
-    }
-    std::array<std::size_t, 5> pick = {begin, end - 1, begin, begin, begin};
+    pick = {begin, end - 1, begin, begin};
     for (std::size_t i = begin; i < end; ++i) {
       if (key[i] < key[pick[2]] || !drawable(key[pick[2]])) pick[2] = i;
       if (key[i] > key[pick[3]] || !drawable(key[pick[3]])) pick[3] = i;
-      if (!drawable(series.x[i]) || !drawable(series.y[i])) pick[4] = i;
+    }
+    for (std::size_t i = begin; i < end; ++i) {
+      if (gap(i) && (i == 0 || !gap(i - 1))) pick.push_back(i);
     }
     std::sort(pick.begin(), pick.end());
     kept.insert(kept.end(), pick.begin(), std::unique(pick.begin(), pick.end()));
@@ -150,8 +154,7 @@ class Script {
       data_.resize(begin);
       return;
     }
-    const std::string color =
-        series.color.empty() ? kPalette[index % kPalette.size()] : series.color;
+    const std::string color = series.color.empty() ? series_color(index) : series.color;
     if (!curves_.empty()) curves_ += ", ";
     curves_ += block + curve_style(series, color) +
                (series.name.empty() ? " notitle" : " title " + quoted(series.name));
@@ -221,7 +224,8 @@ class Script {
 
   void fit_equal_axes() {
     // Both ranges grow to fill the canvas, so that the frame is not a narrow strip.
-    const double across = std::max(plot_.width - (value_.low <= value_.high ? 190.0 : 100.0), 50.0);
+    const double across =
+        std::max(plot_.width - 80.0 - (value_.low <= value_.high ? kColorBoxRoom : 20), 50.0);
     const double up = std::max(plot_.height - 100.0, 50.0);
     const double unit = std::max(x_.size() / across, y_.size() / up);
     x_.widen(0.5 * (unit * across / x_.size() - 1.0));
@@ -234,6 +238,20 @@ class Script {
     text += ':';
     append(text, range.high);
     return text + "]\n";
+  }
+
+  // Beside the frame, in the room that is kept free for it.
+  std::string color_box() const {
+    const auto screen = [&](int pixels_from_right) {
+      return number(1.0 - static_cast<double>(pixels_from_right) / plot_.width, 4);
+    };
+    return "set cblabel " + quoted(plot_.value_label) +
+           " textcolor rgb '#4a5560'\nset rmargin at screen " + screen(kColorBoxRoom) +
+           "\nset colorbox user origin screen " + screen(kColorBoxRoom - 18) +
+           ", graph 0.05 size screen " + number(14.0 / plot_.width, 4) +
+           ", graph 0.9 noborder\nset cbtics scale 0\n"
+           "set palette defined (0 '#2c3e94', 0.25 '#2a86b5', 0.5 '#41b58a', 0.75 '#f2c14b', "
+           "1 '#d1352b')\n";
   }
 
   std::string header() {
@@ -264,11 +282,7 @@ class Script {
     if (plot_.equal_axes) s += "set size ratio -1\n";
     if (value_.low <= value_.high) {
       value_.make_usable();
-      s += range_text("cb", value_) + "set cblabel " + quoted(plot_.value_label) +
-           " textcolor rgb '#4a5560'\nset colorbox user origin screen 0.9, graph 0.08 "
-           "size screen 0.018, graph 0.84\nset rmargin at screen 0.87\n"
-           "set palette defined (0 '#2c3e94', 0.25 '#2a86b5', 0.5 '#41b58a', 0.75 '#f2c14b', "
-           "1 '#d1352b')\n";
+      s += range_text("cb", value_) + color_box();
     }
     return s;
   }
@@ -279,6 +293,12 @@ class Script {
 };
 
 }  // namespace
+
+const char* series_color(std::size_t index) {
+  constexpr std::array<const char*, 7> kPalette = {"#0072b2", "#d55e00", "#009e73", "#cc79a7",
+                                                   "#e69f00", "#56b4e9", "#6b6b6b"};
+  return kPalette[index % kPalette.size()];
+}
 
 void Plot::validate() const {
   require(width >= 100 && width <= 10000, "Plot", "width", width, "100..10000 pixels");

@@ -3,6 +3,7 @@
 
 #include "dynslam/evaluation/trajectory_plots.hpp"
 
+#include "evaluation/gnuplot.hpp"
 #include "evaluation/report_parts.hpp"
 #include "evaluation/text.hpp"
 
@@ -74,7 +75,8 @@ Figure stages_figure(const RunRecord& run, const std::vector<double>& times) {
     if (!stage.parallel) continue;
     PlotSeries series;
     series.name = stage.name + " (beside)";
-    series.style = PlotStyle::kDashed;
+    series.style = PlotStyle::kPoints;  // not in every frame, so there is no line to draw
+    series.line_width = 3.5;
     series.x = times;
     series.y = stage.ms;
     plot.series.push_back(std::move(series));
@@ -88,10 +90,12 @@ Figure stages_figure(const RunRecord& run, const std::vector<double>& times) {
     series.line_width = 1.0;
     plot.series.push_back(std::move(series));
   }
-  return {"Time of each frame",
-          stacked ? "Stages of the tracking thread, one on top of the other; the line is the frame."
-                  : "",
-          std::move(plot), false};
+  return {
+      "Time of each frame",
+      stacked
+          ? "Stages of the tracking thread, one on top of the other; the line is the whole frame."
+          : "",
+      std::move(plot), false};
 }
 
 }  // namespace
@@ -152,7 +156,7 @@ std::vector<Figure> frame_figures(const ReportContext& context) {
     PlotSeries series;
     series.x = times;
     series.y = given.values;
-    series.color = "#009e73";
+    series.color = series_color(2);
     Plot plot;
     plot.x_label = "time (s)";
     plot.y_from_zero = true;

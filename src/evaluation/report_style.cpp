@@ -35,18 +35,19 @@ tr:last-child > * { border-bottom: 0; }
 th { font-weight: 550; color: var(--soft); font-size: 13px; }
 tbody th { color: var(--ink); font-size: inherit; }
 th:first-child, td:first-child { text-align: left; }
-th:first-child { white-space: normal; overflow-wrap: anywhere; }
+th:first-child { white-space: normal; overflow-wrap: break-word; min-width: 130px; }
+.times th:last-child { text-align: left; }
 td.best { font-weight: 700; }
 td small, th small { color: var(--soft); font-weight: 400; font-size: 13px; }
 tr.subject > * { background: #eef6fb; }
 td.bar { width: 26%; text-align: left; }
 .bar i { display: inline-block; height: 10px; border-radius: 3px; background: var(--blue);
   vertical-align: middle; margin-right: 8px; }
-dl { display: grid; grid-template-columns: repeat(auto-fit, minmax(250px, 1fr)); gap: 0 28px;
+dl { display: grid; grid-template-columns: repeat(auto-fit, minmax(270px, 1fr)); gap: 0 28px;
   margin: 0; padding: 6px 0; }
 dl div { display: flex; justify-content: space-between; gap: 16px; padding: 6px 0;
   border-bottom: 1px solid var(--line); }
-dt { color: var(--soft); } dd { margin: 0; text-align: right; overflow-wrap: anywhere;
+dt { color: var(--soft); white-space: nowrap; } dd { margin: 0; text-align: right; overflow-wrap: anywhere;
   font-variant-numeric: tabular-nums; }
 .figures { display: grid; grid-template-columns: 1fr 1fr; gap: 12px; }
 figure { margin: 0; padding: 12px 14px 10px; grid-column: 1 / -1; min-width: 0; }

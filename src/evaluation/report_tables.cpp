@@ -23,9 +23,9 @@ std::string cells(const std::vector<std::string>& texts, const char* name = "td"
   return row;
 }
 
-std::string table(const std::string& head, const std::string& body) {
-  return "<div class=\"card\"><table><thead><tr>" + head + "</tr></thead><tbody>" + body +
-         "</tbody></table></div>\n";
+std::string table(const std::string& head, const std::string& body, const char* attributes = "") {
+  return std::string("<div class=\"card\"><table") + attributes + "><thead><tr>" + head +
+         "</tr></thead><tbody>" + body + "</tbody></table></div>\n";
 }
 
 std::string percent(std::size_t part, std::size_t whole) {
@@ -75,10 +75,12 @@ std::string alignment_text(const AteResult& ate, Alignment asked) {
   return text;
 }
 
+// All values with the decimals that suit the first, so that a row can be compared by eye.
 std::string statistics_row(const std::string& name, const Statistics& s, int digits) {
+  const int decimals = decimals_for(s.rmse, digits);
   std::vector<std::string> texts;
   for (const double v : {s.rmse, s.mean, s.median, s.std, s.min, s.max}) {
-    texts.push_back(short_number(v, digits));
+    texts.push_back(number(v, decimals));
   }
   texts.push_back(std::to_string(s.count));
   return "<tr>" + tag("th", name) + cells(texts) + "</tr>\n";
@@ -120,6 +122,12 @@ std::string times_row(const std::string& name, const std::vector<double>& ms, do
   return "<tr>" + row + "</tr>\n";
 }
 
+// "94.8 % smaller", of an improvement in percent.
+std::string gain_text(double gain) {
+  if (!std::isfinite(gain)) return "–";
+  return number(std::abs(gain), 1) + (gain >= 0.0 ? " % smaller" : " % larger");
+}
+
 struct StateLook {
   const char* name;
   const char* color;
@@ -147,8 +155,7 @@ std::size_t count_states(const RunRecord& run, FrameState a, FrameState b) {
 }
 
 std::string step_text(const RpeOptions& rpe) {
-  const std::string step =
-      rpe.unit == RpeUnit::kFrames ? number(rpe.delta, 0) : short_number(rpe.delta, 3);
+  const std::string step = trimmed_number(rpe.delta, 4);
   switch (rpe.unit) {
     case RpeUnit::kFrames:
       return step + (rpe.delta == 1.0 ? " frame" : " frames");
@@ -165,12 +172,12 @@ std::string tiles_html(const ReportContext& context) {
   const RunRecord& record = *run.record;
   std::string html;
   if (run.ate.error.count > 0) {
-    html += tile("ATE RMSE", short_number(run.ate.error.rmse, 4), "m",
-                 "largest " + short_number(run.ate.error.max, 4) + " m");
+    html += tile("ATE RMSE", short_number(run.ate.error.rmse, 3), "m",
+                 "largest " + short_number(run.ate.error.max, 3) + " m");
   }
   if (run.rpe.translation.count > 0) {
     html += tile("RPE RMSE over " + step_text(context.data.rpe),
-                 short_number(run.rpe.translation.rmse, 4), "m",
+                 short_number(run.rpe.translation.rmse, 3), "m",
                  short_number(run.rpe.rotation_deg.rmse, 3) + "° rotation");
   }
   if (!record.states.empty()) {
@@ -188,8 +195,8 @@ std::string tiles_html(const ReportContext& context) {
   for (const ScoredRun& other : context.others) {
     const double gain = improvement_percent(other.ate.error.rmse, run.ate.error.rmse);
     if (!std::isfinite(gain)) continue;
-    html += tile("ATE against " + escape_html(other.record->name), number(std::abs(gain), 1), "%",
-                 gain >= 0.0 ? "smaller error" : "larger error");
+    html += tile("ATE compared", number(std::abs(gain), 1), gain >= 0.0 ? "% smaller" : "% larger",
+                 "than " + escape_html(other.record->name));
     break;  // the table holds the rest
   }
   return html.empty() ? html : "<section class=\"tiles\">\n" + html + "</section>\n";
@@ -239,10 +246,10 @@ std::string facts_html(const ReportContext& context) {
 std::string errors_html(const ReportContext& context) {
   const ScoredRun& run = context.run;
   if (run.ate.error.count == 0) return {};
-  std::string body = statistics_row("Absolute, position <small>m</small>", run.ate.error, 5);
+  std::string body = statistics_row("Absolute, position <small>m</small>", run.ate.error, 4);
   const std::string step = " over " + step_text(context.data.rpe);
   body +=
-      statistics_row("Relative" + step + ", translation <small>m</small>", run.rpe.translation, 5);
+      statistics_row("Relative" + step + ", translation <small>m</small>", run.rpe.translation, 4);
   body += statistics_row("Relative" + step + ", rotation <small>degrees</small>",
                          run.rpe.rotation_deg, 4);
   return "<h2>Errors</h2>\n" +
@@ -263,22 +270,22 @@ std::string comparison_html(const ReportContext& context) {
   std::string body;
   for (std::size_t i = 0; i < runs.size(); ++i) {
     const RunRecord& record = *runs[i]->record;
-    const std::string states = tracked_text(record);
+    const std::string share =
+        record.states.empty() ? "–" : percent(tracked(record), record.states.size()) + " %";
     std::string row = tag("th", escape_html(record.name)) +
-                      tag("td", states.empty() ? "–" : states) +
-                      tag("td", number(100.0 * runs[i]->ate.coverage.time_share, 1) + " %");
+                      cells({share, number(100.0 * runs[i]->ate.coverage.time_share, 1) + " %"});
     for (const std::vector<double>& column : columns) {
       row += tag("td", short_number(column[i], 4), best_of(column) == i ? " class=\"best\"" : "");
     }
     const double gain = i == 0 ? kNaN : improvement_percent(columns[0][i], columns[0][0]);
-    row += tag("td", std::isfinite(gain) ? number(gain, 1) + " %" : "–");
+    row += tag("td", gain_text(gain));
     body += tag("tr", row, i == 0 ? " class=\"subject\"" : "") + "\n";
   }
-  const std::string head = cells(
-      {"", "tracked", "truth covered", "ATE RMSE <small>m</small>", "ATE median <small>m</small>",
-       "ATE max <small>m</small>", "RPE RMSE <small>m</small>", "frame <small>ms, median</small>",
-       "ATE smaller in " + escape_html(context.run.record->name)},
-      "th");
+  const std::string head =
+      cells({"", "tracked", "truth covered", "ATE RMSE <small>m</small>",
+             "ATE median <small>m</small>", "ATE max <small>m</small>", "RPE RMSE <small>m</small>",
+             "frame <small>ms</small>", escape_html(context.run.record->name) + "'s ATE is"},
+            "th");
   return "<h2>Comparison</h2>\n" + table(head, body);
 }
 
@@ -300,7 +307,7 @@ std::string stages_html(const ReportContext& context) {
   return "<h2>Time</h2>\n" + table(cells({"milliseconds", "frames", "median", "mean", "95 %", "max",
                                           "share of tracking"},
                                          "th"),
-                                   body);
+                                   body, " class=\"times\"");
 }
 
 std::string states_html(const ReportContext& context) {

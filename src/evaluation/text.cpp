@@ -82,11 +82,22 @@ std::string number(double value, int decimals) {
   return std::string(buffer, end);
 }
 
-std::string short_number(double value, int digits) {
-  if (!std::isfinite(value)) return "–";
+int decimals_for(double value, int digits) {
   const double size = std::abs(value);
-  const int before = size >= 1.0 ? static_cast<int>(std::floor(std::log10(size))) + 1 : 1;
-  return number(value, std::clamp(digits - before, 0, digits));
+  if (!std::isfinite(value) || size == 0.0) return std::min(digits - 1, 6);
+  return std::clamp(digits - 1 - static_cast<int>(std::floor(std::log10(size))), 0, 6);
+}
+
+std::string short_number(double value, int digits) {
+  return number(value, decimals_for(value, digits));
+}
+
+std::string trimmed_number(double value, int digits) {
+  std::string text = short_number(value, digits);
+  if (text.find('.') == std::string::npos) return text;
+  text.erase(text.find_last_not_of('0') + 1);
+  if (text.back() == '.') text.pop_back();
+  return text;
 }
 
 }  // namespace dynslam::evaluation

@@ -4,16 +4,26 @@
 #include <array>
 #include <limits>
 
+#include "evaluation/gnuplot.hpp"
+
 namespace dynslam::evaluation {
 namespace {
 
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 constexpr double kBreakSteps = 10.0;
-constexpr const char* kTruthColor = "#7a858f";
+constexpr const char* kTruthColor = "#b4bdc6";
 constexpr const char* kErrorColor = "#e58a7b";
 
 double start_time(Span<const StampedPose> truth) {
   return truth.empty() ? 0.0 : truth[0].timestamp;
+}
+
+// KITTI files without times have the frame's number in their place.
+std::string time_label(Span<const StampedPose> truth) {
+  for (std::size_t i = 0; i < truth.size(); ++i) {
+    if (truth[i].timestamp != static_cast<double>(i)) return "time (s)";
+  }
+  return "frame";
 }
 
 // Times between neighbours longer than this break a line.
@@ -63,7 +73,8 @@ PlotSeries path_series(Span<const StampedPose> poses, ViewAxes view, const std::
 
 PlotSeries truth_series(Span<const StampedPose> truth, ViewAxes view) {
   PlotSeries series = path_series(truth, view, "truth");
-  series.style = PlotStyle::kDashed;
+  // Broad and pale under the estimate, so that both are seen where they agree.
+  series.line_width = 4.0;
   series.color = kTruthColor;
   return series;
 }
@@ -117,8 +128,8 @@ Plot error_lines_plot(Span<const StampedPose> truth, const AteResult& ate,
     errors.y2.push_back(b(view.up));
   }
   PlotSeries estimate = path_series(ate.aligned, view, name);
-  estimate.color = "#0072b2";
-  plot.series = {std::move(errors), truth_series(truth, view), std::move(estimate)};
+  estimate.color = series_color(0);
+  plot.series = {truth_series(truth, view), std::move(errors), std::move(estimate)};
   return plot;
 }
 
@@ -137,7 +148,7 @@ Plot error_heat_plot(Span<const StampedPose> truth, const AteResult& ate) {
     line.add(times[k], t(view.across), t(view.up), ate.errors[k]);
   }
   PlotSeries true_path = truth_series(truth, view);
-  true_path.line_width = 1.0;
+  true_path.line_width = 1.5;
   plot.series = {std::move(true_path), std::move(heat)};
   return plot;
 }
@@ -146,17 +157,18 @@ Plot overlay_plot(Span<const StampedPose> truth, const std::vector<NamedTrajecto
   const Trajectory none;
   const ViewAxes view = view_of(truth, systems.empty() ? none : systems.front().poses);
   Plot plot = map_plot(view);
-  for (const NamedTrajectory& system : systems) {
-    plot.series.push_back(path_series(system.poses, view, system.name));
-  }
-  // Last, so that each system keeps its colour in all plots; dashes let the others show through.
   if (!truth.empty()) plot.series.push_back(truth_series(truth, view));
+  for (std::size_t i = 0; i < systems.size(); ++i) {
+    PlotSeries series = path_series(systems[i].poses, view, systems[i].name);
+    series.color = series_color(i);
+    plot.series.push_back(std::move(series));
+  }
   return plot;
 }
 
 Plot ate_over_time_plot(Span<const StampedPose> truth, const std::vector<NamedAte>& systems) {
   Plot plot;
-  plot.x_label = "time (s)";
+  plot.x_label = time_label(truth);
   plot.y_label = "ATE (m)";
   plot.y_from_zero = true;
   const double start = start_time(truth);
@@ -175,11 +187,11 @@ Plot ate_over_time_plot(Span<const StampedPose> truth, const std::vector<NamedAt
 
 Plot rpe_over_time_plot(Span<const StampedPose> truth, const RpeResult& rpe) {
   Plot plot;
-  plot.x_label = "time (s)";
+  plot.x_label = time_label(truth);
   plot.y_label = "RPE (m)";
   plot.y_from_zero = true;
   PlotSeries series;
-  series.color = "#d55e00";
+  series.color = series_color(0);
   const double start = start_time(truth);
   std::vector<double> times;
   for (const RelativeError& error : rpe.errors) times.push_back(error.time - start);
@@ -199,7 +211,7 @@ Plot kitti_by_length_plot(const KittiResult& kitti) {
   PlotSeries line, points;
   points.style = PlotStyle::kPoints;
   points.line_width = 6.0;
-  points.color = "#0072b2";
+  points.color = series_color(0);
   for (const KittiMean& mean : kitti.by_length) {
     if (mean.count == 0) continue;
     line.x.push_back(mean.length);
