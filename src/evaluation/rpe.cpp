@@ -11,6 +11,9 @@
 namespace dynslam::evaluation {
 namespace {
 
+// Decimal timestamps are not exact in binary; a step at the very limit is within it.
+constexpr double kRounding = 1e-9;
+
 using IndexPairs = std::vector<std::pair<std::size_t, std::size_t>>;
 
 IndexPairs pairs_by_frames(std::size_t count, std::size_t delta, bool all) {
@@ -33,7 +36,7 @@ std::optional<std::size_t> partner(const std::vector<double>& at, std::size_t i,
     const auto below = std::lower_bound(first, best, *(best - 1));
     if (best == at.end() || goal - *below <= *best - goal) best = below;
   }
-  if (best == at.end() || std::abs(*best - goal) > tolerance * delta) return std::nullopt;
+  if (best == at.end() || std::abs(*best - goal) > tolerance * delta + kRounding) return std::nullopt;
   return static_cast<std::size_t>(best - at.begin());
 }
 
