@@ -32,7 +32,9 @@ dynslam::Trajectory make_estimate(const dynslam::Trajectory& truth) {
   for (std::size_t i = 0; i < truth.size(); i += 3) {
     if (i >= 1200 && i < 1400) continue;
     dynslam::RigidTransform T = T_map_world * truth[i].T_world_cam;
-    T.t += Eigen::Vector3d(noise(random), noise(random), noise(random) + 2e-5 * i);
+    const auto drift = 2e-5 * static_cast<double>(i);
+    T.t += Eigen::Vector3d(noise(random), noise(random), noise(random) + drift);
+    T.R *= dynslam::so3_exp({noise(random), noise(random), noise(random)});
     estimate.push_back({truth[i].timestamp + 0.002, T});
   }
   return estimate;
