@@ -29,10 +29,13 @@ Moments moments(const Points3d& truth, const Points3d& estimate) {
   for (Eigen::Index i = 0; i < truth.cols(); ++i) {
     const Eigen::Vector3d a = truth.col(i) - m.mean_truth;
     const Eigen::Vector3d b = estimate.col(i) - m.mean_estimate;
-    m.variance_truth += a.squaredNorm() / n;
-    m.variance_estimate += b.squaredNorm() / n;
-    m.covariance += a * b.transpose() / n;
+    m.variance_truth += a.squaredNorm();
+    m.variance_estimate += b.squaredNorm();
+    m.covariance.noalias() += a * b.transpose();
   }
+  m.variance_truth /= n;
+  m.variance_estimate /= n;
+  m.covariance /= n;
   return m;
 }
 

@@ -36,7 +36,8 @@ std::optional<std::size_t> partner(const std::vector<double>& at, std::size_t i,
     const auto below = std::lower_bound(first, best, *(best - 1));
     if (best == at.end() || goal - *below <= *best - goal) best = below;
   }
-  if (best == at.end() || std::abs(*best - goal) > tolerance * delta + kRounding) return std::nullopt;
+  if (best == at.end() || std::abs(*best - goal) > tolerance * delta + kRounding)
+    return std::nullopt;
   return static_cast<std::size_t>(best - at.begin());
 }
 

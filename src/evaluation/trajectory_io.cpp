@@ -93,7 +93,8 @@ void for_each_row(std::string_view text, const std::string& path, Visit&& visit)
   if (text.substr(0, 3) == "\xEF\xBB\xBF") text.remove_prefix(3);  // byte order mark
   for (std::size_t line = 1; !text.empty(); ++line) {
     const std::size_t end = std::min(text.find('\n'), text.size());
-    const std::string_view content = text.substr(0, std::min(end, text.find('#')));
+    std::string_view content = text.substr(0, end);
+    content = content.substr(0, content.find('#'));
     const Row row = parse_row(content, {path, line});
     if (row.count > 0) visit(row);
     text.remove_prefix(std::min(end + 1, text.size()));
