@@ -89,7 +89,7 @@ AlignmentResult align_points(const Points3d& truth, const Points3d& estimate, Al
   Similarity& S = result.truth_from_estimate;
   const Eigen::JacobiSVD<Eigen::Matrix3d> svd(m.covariance,
                                               Eigen::ComputeFullU | Eigen::ComputeFullV);
-  const Eigen::Vector3d d = svd.singularValues();
+  const Eigen::Vector3d& d = svd.singularValues();
   Eigen::Vector3d F = Eigen::Vector3d::Ones();
   if (no_extent(m.variance_truth, truth) || no_extent(m.variance_estimate, estimate) ||
       d(0) <= kNoExtentRatio * std::sqrt(m.variance_truth * m.variance_estimate)) {

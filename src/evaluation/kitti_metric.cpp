@@ -31,13 +31,13 @@ KittiMean mean_of(const std::vector<KittiSegment>& segments, double length) {
 }  // namespace
 
 void KittiOptions::validate() const {
-  constexpr const char* kWhere = "KittiOptions";
-  require(!lengths.empty(), kWhere, "lengths", "an empty list", "at least one length in m");
+  constexpr const char* where = "KittiOptions";
+  require(!lengths.empty(), where, "lengths", "an empty list", "at least one length in m");
   for (const double length : lengths) {
-    require(length > 0.0 && std::isfinite(length), kWhere, "lengths", length,
+    require(length > 0.0 && std::isfinite(length), where, "lengths", length,
             "finite lengths above 0 m");
   }
-  require(step >= 1, kWhere, "step", step, "at least 1 frame");
+  require(step >= 1, where, "step", step, "at least 1 frame");
   association.validate();
 }
 

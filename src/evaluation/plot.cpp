@@ -295,9 +295,9 @@ class Script {
 }  // namespace
 
 const char* series_color(std::size_t index) {
-  constexpr std::array<const char*, 7> kPalette = {"#0072b2", "#d55e00", "#009e73", "#cc79a7",
-                                                   "#e69f00", "#56b4e9", "#6b6b6b"};
-  return kPalette[index % kPalette.size()];
+  constexpr std::array<const char*, 7> palette = {"#0072b2", "#d55e00", "#009e73", "#cc79a7",
+                                                  "#e69f00", "#56b4e9", "#6b6b6b"};
+  return palette[index % palette.size()];
 }
 
 void Plot::validate() const {

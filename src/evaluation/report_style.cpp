@@ -47,8 +47,8 @@ dl { display: grid; grid-template-columns: repeat(auto-fit, minmax(270px, 1fr));
   margin: 0; padding: 6px 0; }
 dl div { display: flex; justify-content: space-between; gap: 16px; padding: 6px 0;
   border-bottom: 1px solid var(--line); }
-dt { color: var(--soft); white-space: nowrap; } dd { margin: 0; text-align: right; overflow-wrap: anywhere;
-  font-variant-numeric: tabular-nums; }
+dt { color: var(--soft); white-space: nowrap; } dd { margin: 0; text-align: right;
+  overflow-wrap: anywhere; font-variant-numeric: tabular-nums; }
 .figures { display: grid; grid-template-columns: 1fr 1fr; gap: 12px; }
 figure { margin: 0; padding: 12px 14px 10px; grid-column: 1 / -1; min-width: 0; }
 figure.half { grid-column: auto; }
@@ -70,7 +70,13 @@ footer { margin-top: 32px; color: var(--soft); font-size: 13px; }
   body { background: #fff; font-size: 11px; print-color-adjust: exact;
     -webkit-print-color-adjust: exact; }
   main { max-width: none; padding: 0; } h1 { font-size: 20px; } .tile b { font-size: 17px; }
-  h2 { margin-top: 18px; break-after: avoid; } th, td { padding: 4px 6px; }
+  h2 { font-size: 14px; margin-top: 18px; break-after: avoid; }
+  th, td { padding: 4px 5px; white-space: normal; }
+  th, th small, td small, figcaption, .tile span, .tile em, .tile b small, .strip p, footer {
+    font-size: 9.5px; }
+  tbody th { font-size: inherit; } th:first-child { min-width: 90px; }
+  .tiles { grid-template-columns: repeat(auto-fit, minmax(100px, 1fr)); }
+  figure h3 { font-size: 11.5px; } .card { overflow: visible; }
   figure, .tile, .card, tr { break-inside: avoid; }
   .figures, .pair { grid-template-columns: 1fr 1fr; } }
 )css";

@@ -155,7 +155,7 @@ std::size_t count_states(const RunRecord& run, FrameState a, FrameState b) {
 }
 
 std::string step_text(const RpeOptions& rpe) {
-  const std::string step = trimmed_number(rpe.delta, 4);
+  std::string step = trimmed_number(rpe.delta, 4);
   switch (rpe.unit) {
     case RpeUnit::kFrames:
       return step + (rpe.delta == 1.0 ? " frame" : " frames");

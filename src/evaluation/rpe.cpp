@@ -81,6 +81,7 @@ IndexPairs choose_pairs(Span<const StampedPose> truth, Span<const StampedPose> a
   }
   if (options.unit == RpeUnit::kSeconds) {
     std::vector<double> times;
+    times.reserve(associated.size());
     for (const PosePair& pair : associated) times.push_back(aligned[pair.estimate].timestamp);
     return pairs_near(times, options, all);
   }
@@ -94,11 +95,11 @@ IndexPairs choose_pairs(Span<const StampedPose> truth, Span<const StampedPose> a
 }  // namespace
 
 void RpeOptions::validate() const {
-  constexpr const char* kWhere = "RpeOptions";
-  require(delta > 0.0 && std::isfinite(delta), kWhere, "delta", delta, "a finite step above 0");
-  require(unit != RpeUnit::kFrames || delta == std::floor(delta), kWhere, "delta", delta,
+  constexpr const char* where = "RpeOptions";
+  require(delta > 0.0 && std::isfinite(delta), where, "delta", delta, "a finite step above 0");
+  require(unit != RpeUnit::kFrames || delta == std::floor(delta), where, "delta", delta,
           "a whole number of frames");
-  require(tolerance > 0.0 && tolerance < 1.0, kWhere, "tolerance", tolerance, "a share in (0, 1)");
+  require(tolerance > 0.0 && tolerance < 1.0, where, "tolerance", tolerance, "a share in (0, 1)");
   association.validate();
 }
 

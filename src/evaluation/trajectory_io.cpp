@@ -242,10 +242,10 @@ void append_kitti(std::string& text, const RigidTransform& T_world_cam) {
 }  // namespace
 
 void ReadTrajectoryOptions::validate() const {
-  constexpr const char* kWhere = "ReadTrajectoryOptions";
-  require(rotation_tolerance >= 0.0 && rotation_tolerance <= 0.5, kWhere, "rotation_tolerance",
+  constexpr const char* where = "ReadTrajectoryOptions";
+  require(rotation_tolerance >= 0.0 && rotation_tolerance <= 0.5, where, "rotation_tolerance",
           rotation_tolerance, "a value in [0, 0.5]");
-  require(times_path.empty() || format != TrajectoryFormat::kTum, kWhere, "times_path", times_path,
+  require(times_path.empty() || format != TrajectoryFormat::kTum, where, "times_path", times_path,
           "nothing with the format TUM, whose rows have timestamps");
 }
 

@@ -80,10 +80,10 @@ PlotSeries truth_series(Span<const StampedPose> truth, ViewAxes view) {
 }
 
 Plot map_plot(ViewAxes view) {
-  constexpr std::array<const char*, 3> kLabels = {"x (m)", "y (m)", "z (m)"};
+  constexpr std::array<const char*, 3> labels = {"x (m)", "y (m)", "z (m)"};
   Plot plot;
-  plot.x_label = kLabels[static_cast<std::size_t>(view.across)];
-  plot.y_label = kLabels[static_cast<std::size_t>(view.up)];
+  plot.x_label = labels[static_cast<std::size_t>(view.across)];
+  plot.y_label = labels[static_cast<std::size_t>(view.up)];
   plot.equal_axes = true;
   plot.height = 620;
   return plot;

@@ -14,10 +14,10 @@ namespace {
 
 // Images 3, 4 and 5 show the places of 0, 1 and 2.
 struct Truth {
-  std::vector<std::uint8_t> pixels = std::vector<std::uint8_t>(6 * 8, 0);  // rows with a gap
+  std::vector<std::uint8_t> pixels = std::vector<std::uint8_t>(48, 0);  // rows with a gap
   Truth() {
-    for (int q = 3; q < 6; ++q) pixels[static_cast<std::size_t>(q * 8 + q - 3)] = 255;
-    for (int q = 0; q < 6; ++q) pixels[static_cast<std::size_t>(q * 8 + 7)] = 255;  // in the gap
+    for (std::size_t q = 3; q < 6; ++q) pixels[q * 8 + q - 3] = 255;
+    for (std::size_t q = 0; q < 6; ++q) pixels[q * 8 + 7] = 255;  // in the gap
   }
   ImageView<const std::uint8_t> view() const { return {pixels.data(), 6, 6, 8}; }
 };
@@ -57,7 +57,7 @@ TEST(LoopScores, CountsAQueryOnceForRecall) {
 
 TEST(LoopScores, AgreeWithCountingAtEveryThreshold) {
   std::mt19937 random(1);
-  std::vector<std::uint8_t> pixels(40 * 40);
+  std::vector<std::uint8_t> pixels(1600);
   for (auto& p : pixels) p = random() % 20 == 0;
   const ImageView<const std::uint8_t> truth(pixels.data(), 40, 40);
   std::vector<LoopDetection> found;

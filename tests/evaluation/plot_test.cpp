@@ -2,10 +2,10 @@
 
 #include <chrono>
 #include <cmath>
+#include <csignal>
 #include <limits>
 
 #include <gtest/gtest.h>
-#include <signal.h>
 #include <sys/wait.h>
 
 #include "dynslam/core/errors.hpp"

@@ -132,9 +132,9 @@ struct RpeResult {
 ///    the first knot is not used.
 ///  - metres, all: j is the pose whose path from i is nearest to delta, within the tolerance.
 ///
-/// No pair gives count 0. Throws as `ate`. O(n + m) (all pairs in metres and seconds as well: two
-/// pointers), allocates the result. Thread-safe. Source: Sturm et al., IROS 2012; the metre rule is
-/// the one of the published figures that the tests reproduce.
+/// No pair gives count 0. Throws as `ate`. O(n + m), with a binary search per pose for seconds and
+/// for all pairs in metres; allocates the result. Thread-safe. Source: Sturm et al., IROS 2012; the
+/// metre rule is the one of the published figures that the tests reproduce.
 RpeResult rpe(Span<const StampedPose> truth, Span<const StampedPose> estimate,
               const RpeOptions& options = {});
 
@@ -176,9 +176,9 @@ struct KittiResult {
 /// KITTI's odometry metric: relative errors over stretches of fixed length, divided by the length.
 ///
 /// A stretch begins at every `step`-th associated pose and ends at the first whose path along the
-/// truth is longer than the length. Throws as `ate`. O((n + m) + lengths * n), allocates the
-/// result. Thread-safe. Source: Geiger et al., "Are we ready for autonomous driving?", CVPR 2012,
-/// and the benchmark's development kit.
+/// truth is longer than the length. Throws as `ate`. O(n + m + lengths * n / step * log n),
+/// allocates the result. Thread-safe. Source: Geiger et al., "Are we ready for autonomous
+/// driving?", CVPR 2012, and the benchmark's development kit.
 KittiResult kitti_metric(Span<const StampedPose> truth, Span<const StampedPose> estimate,
                          const KittiOptions& options = {});
 
