@@ -109,6 +109,8 @@ class RenderedScene {
 
   /// Seconds: start_time + index / fps. Here and below `index` is not limited by options().frames.
   double timestamp(std::size_t index) const;
+  /// The timestamp with six decimals, as the files of TUM sequences are named.
+  std::string frame_name(std::size_t index) const;
   /// Exact pose of the camera in the middle of the exposure. O(1).
   RigidTransform T_world_cam(std::size_t index) const;
   /// Exact pose of a moving (or still) surface, taking its own coordinates to the world; identity
