@@ -73,20 +73,20 @@ Motion::Motion(const SceneOptions& options)
     tremble_[axis] = {wave(amplitude, 4.3), wave(0.6 * amplitude, 7.9)};
   }
   const double speed = random.uniform(0.85, 1.0), direction = random.chance(0.5) ? 1.0 : -1.0;
-  const double start = random.uniform(0.0, 6.0), lag = random.uniform(0.25, 0.5);
-  const bool first_carries = random.chance(0.5);
+  const double start = random.uniform(0.0, 6.0), lag = random.uniform(0.45, 0.7);
   for (int i = 0; i < kPeople; ++i) {
     Walker& w = walkers_[static_cast<std::size_t>(i)];
-    // They walk abreast, the farther one a little behind: for seconds both are one motion.
-    w.distance = i == 0 ? random.uniform(1.55, 1.65) : random.uniform(2.0, 2.15);
-    w.half_straight = 0.85;
-    w.radius = 0.33;
+    // They walk abreast, the farther one a little behind: for seconds both are one motion. The
+    // nearer one carries the box.
+    w.distance = i == 0 ? random.uniform(1.36, 1.42) : random.uniform(1.76, 1.86);
+    w.half_straight = 0.72;
+    w.radius = 0.30;
     w.speed = speed;
     w.start = start - i * lag;
     w.direction = direction;
     w.height = random.uniform(0.96, 1.07);
     w.phase = random.uniform(0.0, 2.0 * kPi);
-    w.carries = (i == 0) == first_carries;
+    w.carries = i == 0;
   }
 }
 

@@ -43,9 +43,9 @@ Canvas paint_wall(Random random, WallStyle style) {
       }
     }
   } else if (style == WallStyle::kWallpaper) {
-    for (int i = 0; i < 420; ++i) {  // a motif, nowhere the same
+    for (int i = 0; i < 360; ++i) {  // a motif, nowhere the same
       const int x = random.below(kWidth), y = random.below(kHeight);
-      const Color ink = random_color(random, random.uniformf(80.0F, 200.0F), 0.45F);
+      const Color ink = random_color(random, random.uniformf(90.0F, 190.0F), 0.3F);
       const int size = 4 + random.below(9);
       canvas.disc(x, y, size, ink);
       canvas.disc(x + random.below(5) - 2, y + random.below(5) - 2, size / 2, base * 0.9F);
@@ -66,7 +66,7 @@ Canvas paint_wall(Random random, WallStyle style) {
 Canvas paint_parquet(Random random) {
   Canvas canvas(1024, 1024, grey(40.0F));
   for (int row = 0; row < 1024; row += 16) {
-    for (int x = random.below(150); x < 1024;) {
+    for (int x = -random.below(150); x < 1024;) {
       const int length = 90 + random.below(120);
       const Color wood = Color{62.0F, 98.0F, 142.0F} * random.uniformf(0.65F, 1.2F);
       canvas.rectangle(x, row, length - 2, 15, wood);
@@ -181,7 +181,7 @@ Canvas paint_books(Random random) {
   Canvas canvas(128, 128, grey(25.0F));
   for (int x = 0; x < 124;) {
     const int width = 14 + random.below(18), height = 96 + random.below(30);
-    const Color cover = random_color(random, random.uniformf(60.0F, 220.0F), 0.65F);
+    const Color cover = random_color(random, random.uniformf(60.0F, 220.0F), random.uniformf(0.2F, 0.65F));
     canvas.rectangle(x, 128 - height, std::min(width, 127 - x), height, cover);
     const Color label = random_color(random, random.uniformf(120.0F, 240.0F), 0.3F);
     canvas.rectangle(x + 3, 128 - height + 10 + random.below(20), std::min(width, 127 - x) - 6,
@@ -215,8 +215,8 @@ Canvas paint_cardboard(Random random) {
 }
 
 Canvas paint_rug(Random random) {
-  Canvas canvas(512, 256, random_color(random, 110.0F, 0.55F));
-  canvas.scatter(random, 260, 6, 34, 190.0F, 0.6F);
+  Canvas canvas(512, 256, random_color(random, 110.0F, 0.4F));
+  canvas.scatter(random, 260, 6, 34, 180.0F, 0.4F);
   canvas.modulate(random, 0.25F, 24, 4, 0.9F);
   for (const int edge : {0, 500}) canvas.rectangle(edge, 0, 12, 256, grey(70.0F));
   for (const int edge : {0, 244}) canvas.rectangle(0, edge, 512, 12, grey(70.0F));
@@ -233,13 +233,13 @@ Canvas paint_leaves(Random random) {
 }
 
 Canvas paint_shirt(Random random) {
-  const Color base = random_color(random, random.uniformf(90.0F, 200.0F), 0.65F);
+  const Color base = random_color(random, random.uniformf(90.0F, 190.0F), 0.45F);
   Canvas canvas(512, 512, base);
   for (int i = 0; i < 14; ++i) {  // stripes of no regular distance
     canvas.rectangle(0, random.below(512), 512, 4 + random.below(9),
                      random_color(random, random.uniformf(40.0F, 230.0F), 0.5F));
   }
-  canvas.scatter(random, 460, 4, 22, 235.0F, 0.7F);
+  canvas.scatter(random, 520, 4, 22, 235.0F, 0.5F);
   for (int i = 0; i < 22; ++i) {
     canvas.print(random, random.below(512), random.below(512), 60, 30, 13,
                  random.chance(0.5) ? grey(240.0F) : grey(25.0F));
@@ -251,7 +251,7 @@ Canvas paint_shirt(Random random) {
 Canvas paint_trousers(Random random) {
   const Color base = random_color(random, random.uniformf(60.0F, 120.0F), 0.45F);
   Canvas canvas(512, 512, base);
-  canvas.scatter(random, 130, 3, 14, 170.0F, 0.35F);
+  canvas.scatter(random, 200, 3, 14, 170.0F, 0.35F);
   for (int i = 0; i < 20; ++i) {
     canvas.rectangle(random.below(512), random.below(512), 2, 60 + random.below(120), base * 1.5F);
   }
@@ -277,7 +277,8 @@ Canvas paint_skin(Random random) {
 }
 
 Canvas paint_hair(Random random) {
-  Canvas canvas(256, 256, random_color(random, random.uniformf(25.0F, 90.0F), 0.4F));
+  const float tone = random.uniformf(0.3F, 1.0F);
+  Canvas canvas(256, 256, Color{35.0F, 55.0F, 85.0F} * tone);
   canvas.modulate(random, 0.5F, 10, 5, 0.9F, 0.25F);
   return canvas;
 }

@@ -120,7 +120,7 @@ class RoomBuilder {
   World world_;
   std::vector<Canvas> shell_;      ///< pictures of the room's six faces, before the light
   std::vector<std::pair<int, float>> shining_;  ///< solids that do not wait for light
-  int wood_[2] = {}, plain_[3] = {}, carton_[3] = {}, books_[6] = {}, metal_ = 0;
+  int wood_[2] = {}, plain_[3] = {}, carton_[3] = {}, books_[18] = {}, metal_ = 0;
 };
 
 void RoomBuilder::add_shell() {
@@ -167,7 +167,7 @@ void RoomBuilder::add_shelf() {
       if (random_.chance(0.8)) {
         const int row = box({at + width / 2, y + depth - 0.02 - deep, z + 0.012 + tall / 2},
                             {width / 2, deep, tall / 2}, 0, tiled(plain(), 200, kSmooth));
-        fit(row, 3, books_[random_.below(6)]);
+        fit(row, 3, books_[random_.below(18)]);
       }
       at += width + (random_.chance(0.35) ? random_.uniform(0.03, 0.12) : 0.002);
     }
@@ -197,7 +197,7 @@ void RoomBuilder::add_desk() {
     const double half = random_.uniform(0.015, 0.035);
     const int book = varied_box({x + 0.5 + jitter(0.02), y - 0.05, z + half},
                                 {0.13, 0.1, half}, jitter(0.4), plain(), 200, kSmooth);
-    fit(book, 4, books_[random_.below(6)]);
+    fit(book, 4, books_[random_.below(18)]);
     z += 2 * half;
   }
   add_round(Shape::kCylinder, {mx - 0.42, y - 0.1, top + 0.07}, {0.04, 0.04, 0.05}, carton_[0],
