@@ -31,13 +31,14 @@ void SceneOptions::validate() const {
   require(fps > 0.0 && fps <= 1000.0, kName, "fps", fps, "more than 0 and at most 1000");
   require(std::isfinite(start_time), kName, "start_time", start_time, "a finite number of seconds");
   camera.validate();
-  for (const auto& [side, pixels] : {std::pair("camera.width", camera.width),
-                                     std::pair("camera.height", camera.height)}) {
+  for (const auto& [side, pixels] :
+       {std::pair("camera.width", camera.width), std::pair("camera.height", camera.height)}) {
     require(pixels >= 16 && pixels <= 8192, kName, side, pixels, "16 to 8192 pixels");
   }
   require(motion >= CameraMotion::kHandHeld && motion <= CameraMotion::kSideways, kName, "motion",
           static_cast<int>(motion), "one of CameraMotion");
-  require(camera_speed >= 0.0 && camera_speed <= 4.0, kName, "camera_speed", camera_speed, "0 to 4");
+  require(camera_speed >= 0.0 && camera_speed <= 4.0, kName, "camera_speed", camera_speed,
+          "0 to 4");
   require(tremor >= 0.0 && tremor <= 10.0, kName, "tremor", tremor, "0 to 10");
   require(mover_speed >= 0.0 && mover_speed <= 3.0, kName, "mover_speed", mover_speed, "0 to 3");
   require(exposure_time >= 0.0 && exposure_time <= 1.0 / fps, kName, "exposure_time", exposure_time,
@@ -49,12 +50,20 @@ struct RenderedScene::Impl {
   SceneOptions options;
   scene::World world;
   scene::Motion motion;
+  mutable std::once_flag painted;
+  mutable scene::Appearance look_once;  ///< through look() only
   mutable std::mutex mutex;
   mutable std::vector<std::unique_ptr<scene::Workspace>> idle;  ///< memory that nobody uses now
 
   explicit Impl(const SceneOptions& o)
       : options((o.validate(), o)), world(scene::build_room(o.seed)), motion(o) {
     scene::add_people(world, o.seed);
+  }
+
+  /// Painted when colours are wanted for the first time.
+  const scene::Appearance& look() const {
+    std::call_once(painted, [this] { look_once = scene::paint_world(world); });
+    return look_once;
   }
 
   double time(std::size_t index) const { return static_cast<double>(index) / options.fps; }
@@ -200,7 +209,7 @@ Frame RenderedScene::render(std::size_t index) const {
   const RigidTransform T_world_cam = this->T_world_cam(index);
   const BodyPoses bodies = impl.motion.T_world_body(impl.time(index));
   const scene::View view = impl.view(T_world_cam, bodies);
-  const scene::Shader shader(impl.world, view, T_world_cam, bodies, o.movers);
+  const scene::Shader shader(impl.world, impl.look(), view, T_world_cam, bodies, o.movers);
   const Impl::Loan loan(impl);
   scene::Workspace& work = *loan;
   scene::trace_frame(view, o.threads, work);
@@ -247,8 +256,7 @@ std::optional<SurfacePoint> RenderedScene::cast(std::size_t index,
   const Impl& impl = *impl_;
   const RigidTransform T = T_world_cam(index);
   const Eigen::Vector3d direction = camera().bearing(pixel);
-  const scene::Hit hit =
-      impl.first_hit(T, impl.motion.T_world_body(impl.time(index)), direction);
+  const scene::Hit hit = impl.first_hit(T, impl.motion.T_world_body(impl.time(index)), direction);
   if (hit.surface < 0) return std::nullopt;
   return SurfacePoint{hit.depth, impl.world.surfaces[static_cast<std::size_t>(hit.surface)].label,
                       hit.surface, T * (hit.depth * direction)};
@@ -292,8 +300,9 @@ cv::Mat RenderedScene::forward_flow(std::size_t from, std::size_t to) const {
     for (int x = 0; x < flow.cols; ++x) {
       const int body = impl.body_of(here.surface.at<std::uint16_t>(y, x));
       const Eigen::Vector2d p(x, y);
-      const Eigen::Vector3d X = moved[static_cast<std::size_t>(body)] *
-                                camera().unproject(p, static_cast<double>(here.depth.at<float>(y, x)));
+      const Eigen::Vector3d X =
+          moved[static_cast<std::size_t>(body)] *
+          camera().unproject(p, static_cast<double>(here.depth.at<float>(y, x)));
       cv::Vec2f& v = flow.at<cv::Vec2f>(y, x);
       v = {kNaN, kNaN};
       if (!PinholeCamera::in_domain(X)) continue;

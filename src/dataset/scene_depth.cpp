@@ -84,13 +84,15 @@ void sense_depth(const PinholeCamera& camera, std::uint64_t seed, int threads,
         // w = n . d up to a factor: n = (gx, gy, w - gx rx - gy ry).
         const float rx = (static_cast<float>(x) - cx) / fx;
         const float gz = w[x] - gx * rx - gy * ry;
-        const float cosine2 = w[x] * w[x] / ((gx * gx + gy * gy + gz * gz) * (1.0F + rx * rx + ry * ry));
+        const float cosine2 =
+            w[x] * w[x] / ((gx * gx + gy * gy + gz * gz) * (1.0F + rx * rx + ry * ry));
         const float limit = kGrazing + kGrazingWidth * (static_cast<float>(lot) / 2048.0F - 1.0F);
         const float d = kFocalBaseline * w[x];
         const float measured =
             std::floor(kSteps * (d + disparity_noise.at(z) * kNoiseUnit * noise[x]) + 0.5F);
-        const bool lost = (z < kNearest) | (z > kFarthest) | (dark[static_cast<std::size_t>(x)] != 0) |
-                          (cosine2 < limit * limit) | (lot < kDropouts) | (measured < 1.0F);
+        const bool lost = (z < kNearest) | (z > kFarthest) |
+                          (dark[static_cast<std::size_t>(x)] != 0) | (cosine2 < limit * limit) |
+                          (lot < kDropouts) | (measured < 1.0F);
         out[x] = lost ? 0.0F : kFocalBaseline * kSteps / measured;
       }
     }

@@ -54,7 +54,8 @@ void trace_frame(const View& view, int threads, Workspace& work) {
     for (int row = first; row < last; ++row) {
       for (int column = 0; column < work.columns; ++column) {
         const int x = column * kTile, y = row * kTile;
-        std::vector<int>& list = work.candidates[static_cast<std::size_t>(row * work.columns + column)];
+        std::vector<int>& list =
+            work.candidates[static_cast<std::size_t>(row * work.columns + column)];
         view.candidates(x, y, list);
         place_pixels(x, y, samples);
         view.trace(list, samples);

@@ -27,19 +27,19 @@ struct Workspace {
   /// For images of this size and that many threads.
   void prepare(int width, int height, int threads);
 
-  int width = 0, height = 0;      ///< of the image
-  int columns = 0, rows = 0;      ///< tiles
-  int stride = 0;                 ///< of w and surface, whole tiles
-  int color_stride = 0;           ///< of color, with borders
-  std::vector<float> w;           ///< 1 / depth, exact
+  int width = 0, height = 0;  ///< of the image
+  int columns = 0, rows = 0;  ///< tiles
+  int stride = 0;             ///< of w and surface, whole tiles
+  int color_stride = 0;       ///< of color, with borders
+  std::vector<float> w;       ///< 1 / depth, exact
   std::vector<std::int32_t> surface;
-  std::vector<std::uint32_t> color;             ///< B, G, R, 255
-  std::vector<std::vector<int>> candidates;     ///< of every tile
+  std::vector<std::uint32_t> color;          ///< B, G, R, 255
+  std::vector<std::vector<int>> candidates;  ///< of every tile
   struct Thread {
     Samples samples;
     Shader::Scratch shading;
     std::uint32_t shaded[kMaxSamples];
-    std::vector<int> edges;                     ///< pixels of the tile that need more samples
+    std::vector<int> edges;  ///< pixels of the tile that need more samples
   };
   std::vector<std::unique_ptr<Thread>> threads;
 
@@ -58,8 +58,8 @@ void shade_frame(const View& view, const Shader& shader, int threads, Workspace&
 
 /// What the imperfections of a frame depend on.
 struct Exposure {
-  std::uint64_t seed = 0;        ///< of this frame's noise
-  float gain = 1.0F;             ///< of the light
+  std::uint64_t seed = 0;  ///< of this frame's noise
+  float gain = 1.0F;       ///< of the light
   bool noise = true;
   /// Motion of every body in the camera's coordinates during the exposure (twist rho, omega), empty
   /// without blur.

@@ -67,7 +67,8 @@ void smear(const std::uint32_t* picture, int stride, const Smear& kernel, Sums& 
   for (auto& line : sums) line.fill(0);
   for (const Smear::Tap& tap : kernel.taps) {
     for (int row = 0; row < kTile; ++row) {
-      const auto* from = reinterpret_cast<const std::uint8_t*>(picture + (row + tap.dy) * stride + tap.dx);
+      const auto* from =
+          reinterpret_cast<const std::uint8_t*>(picture + (row + tap.dy) * stride + tap.dx);
       std::uint16_t* to = sums[static_cast<std::size_t>(row)].data();
       for (int i = 0; i < kTileBytes; ++i) {
         to[i] = static_cast<std::uint16_t>(to[i] + tap.weight * from[i]);
@@ -97,8 +98,7 @@ class Blur {
 
   /// Blurred tile, packed colours row by row.
   void tile(int column, int row, std::uint32_t* out) const {
-    const std::uint32_t* picture =
-        work_.color.data() + work_.color_at(column * kTile, row * kTile);
+    const std::uint32_t* picture = work_.color.data() + work_.color_at(column * kTile, row * kTile);
     const Neighbourhood near = look_around(column, row);
     const Tile& here = at(column, row);
     const Smear still = motion_of(here.still, here.still_pixels);
@@ -188,8 +188,7 @@ class Blur {
     for (int y = 0; y < kLayerSide; ++y) {
       for (int x = 0; x < kLayerSide; ++x) {
         const int px = column * kTile + x - kReach, py = row * kTile + y - kReach;
-        const std::size_t i =
-            work_.at(std::clamp(px, 0, right), std::clamp(py, 0, bottom));
+        const std::size_t i = work_.at(std::clamp(px, 0, right), std::clamp(py, 0, bottom));
         const std::uint32_t mask = moves(work_.surface[i]) ? 0xFFFFFFFFU : 0U;
         const std::uint32_t c = work_.color[work_.color_at(px, py)];
         front[y * kLayerSide + x] = c & mask;
@@ -248,8 +247,8 @@ struct Response {
       const double sigma = std::sqrt(std::min(light, 1.0) / 6000.0 + 0.002 * 0.002);
       const double slope = std::pow(std::max(light, 0.004), 1.0 / kGamma - 1.0) / kGamma;
       value[i] = static_cast<std::int32_t>(std::lround(encoded * 255.0 * 256.0)) + 128;
-      amplitude[i] = noise ? static_cast<std::int32_t>(std::lround(
-                                 sigma * slope * 255.0 * 256.0 * static_cast<double>(kNoiseUnit)))
+      amplitude[i] = noise ? static_cast<std::int32_t>(std::lround(sigma * slope * 255.0 * 256.0 *
+                                                                   static_cast<double>(kNoiseUnit)))
                            : 0;
     }
   }
@@ -272,8 +271,8 @@ void expose_frame(const World& world, const View& view, const Exposure& exposure
         const int wide = std::min(kTile, work.width - x0);
         if (blur) blur->tile(column, row, tile);
         for (int line = 0; line < kTile && y0 + line < work.height; ++line) {
-          const std::uint32_t* from = blur ? tile + line * kTile
-                                           : work.color.data() + work.color_at(x0, y0 + line);
+          const std::uint32_t* from =
+              blur ? tile + line * kTile : work.color.data() + work.color_at(x0, y0 + line);
           const std::uint64_t hash = mix(exposure.seed, static_cast<std::uint64_t>(y0 + line));
           const std::int8_t* noise = table.from(hash) + 3 * x0;
           std::uint8_t* to = image->ptr<std::uint8_t>(y0 + line) + 3 * x0;
@@ -281,8 +280,7 @@ void expose_frame(const World& world, const View& view, const Exposure& exposure
             std::uint32_t c = from[i];
             for (int channel = 0; channel < 3; ++channel, c >>= 8) {
               const std::size_t level = c & 255U;
-              const std::int32_t v =
-                  response.value[level] + response.amplitude[level] * *noise++;
+              const std::int32_t v = response.value[level] + response.amplitude[level] * *noise++;
               *to++ = static_cast<std::uint8_t>(std::clamp(v >> 8, 0, 255));
             }
           }

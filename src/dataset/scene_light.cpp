@@ -47,8 +47,7 @@ bool Lighting::hidden(const Vector3d& from, const Vector3d& way) const {
 
 float Lighting::at(const Vector3d& point, const Vector3d& normal) const {
   // Corners are darker, less of the room is seen from them; the ceiling has its light from below.
-  const double corner =
-      std::min({1.0, 0.72 + 0.5 * point.z(), 0.72 + 0.5 * (kRoomZ - point.z())});
+  const double corner = std::min({1.0, 0.72 + 0.5 * point.z(), 0.72 + 0.5 * (kRoomZ - point.z())});
   double light = kAmbient * corner + 0.35 * std::max(0.0, -normal.z());
   constexpr int kAlong = 3, kAcross = 2;
   for (const int side : {-1, 1}) {
@@ -68,18 +67,14 @@ float Lighting::at(const Vector3d& point, const Vector3d& normal) const {
   return static_cast<float>(std::pow(std::min(light, 1.5), 1.0 / kGamma));
 }
 
-void Lighting::light_boxes(World& world) const {
-  for (const Solid& solid : world.solids) {
-    if (solid.shape != Shape::kBox || solid.body != 0) continue;
-    for (int face = 0; face < 6; ++face) {
-      const FaceFrame f(solid, face);
-      for (std::size_t corner = 0; corner < 4; ++corner) {
-        const double a = corner % 2 == 0 ? -0.85 : 0.85, b = corner < 2 ? -0.85 : 0.85;
-        world.surfaces[static_cast<std::size_t>(solid.first_surface + face)].light[corner] =
-            at(f.center + a * f.u + b * f.v, f.normal);
-      }
-    }
+std::array<float, 4> Lighting::corners(const Solid& solid, int face) const {
+  const FaceFrame f(solid, face);
+  std::array<float, 4> light{};
+  for (std::size_t corner = 0; corner < 4; ++corner) {
+    const double a = corner % 2 == 0 ? -0.85 : 0.85, b = corner < 2 ? -0.85 : 0.85;
+    light[corner] = at(f.center + a * f.u + b * f.v, f.normal);
   }
+  return light;
 }
 
 void Lighting::paint(const Solid& solid, int face, Canvas& canvas) const {
@@ -109,6 +104,31 @@ void Lighting::paint(const Solid& solid, int face, Canvas& canvas) const {
       color = color * (above + fy * (below - above));
     }
   }
+}
+
+Appearance paint_world(const World& world) {
+  const Lighting lighting(world);
+  Appearance look;
+  look.textures.reserve(world.recipes.size());
+  for (const Recipe& recipe : world.recipes) {
+    Canvas canvas = recipe.paint();
+    if (recipe.room_face >= 0) lighting.paint(world.solids[0], recipe.room_face, canvas);
+    look.textures.emplace_back(canvas);
+  }
+  for (const auto& paint : world.grains) look.grains.emplace_back(paint());
+  look.light.reserve(world.surfaces.size());
+  for (const Surface& surface : world.surfaces) {
+    const auto index = static_cast<int>(look.light.size());
+    const Solid& solid = world.solids[static_cast<std::size_t>(surface.solid)];
+    std::array<float, 4> light = {1.0F, 1.0F, 1.0F, 1.0F};
+    if (surface.shine > 0.0F) {
+      light.fill(surface.shine);
+    } else if (solid.shape == Shape::kBox && !surface.lit_by_normal) {
+      light = lighting.corners(solid, index - solid.first_surface);
+    }
+    look.light.push_back(light);
+  }
+  return look;
 }
 
 }  // namespace dynslam::dataset::scene

@@ -1,6 +1,7 @@
 // Light of the rendered scene.
 #pragma once
 
+#include <array>
 #include <vector>
 
 #include "scene_world.hpp"
@@ -18,8 +19,8 @@ class Lighting {
 
   /// Light on a point with normal n, as a factor on texture colours (gamma applied).
   float at(const Eigen::Vector3d& point, const Eigen::Vector3d& normal) const;
-  /// Lights the corners of every face of every static box.
-  void light_boxes(World& world) const;
+  /// Light at the corners of a face of a box, as in Appearance::light.
+  std::array<float, 4> corners(const Solid& solid, int face) const;
   /// Multiplies the picture of a face with its light; the picture covers the face.
   void paint(const Solid& solid, int face, Canvas& canvas) const;
 

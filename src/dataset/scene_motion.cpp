@@ -38,17 +38,15 @@ RigidTransform looking(const Vector3d& position, double yaw, double pitch, doubl
   level << 1, 0, 0,  //
       0, 0, 1,       //
       0, -1, 0;
-  const Eigen::Matrix3d R =
-      turn_z(yaw) * Eigen::AngleAxisd(pitch, Vector3d::UnitX()).toRotationMatrix() * level *
-      turn_z(roll);
+  const Eigen::Matrix3d R = turn_z(yaw) *
+                            Eigen::AngleAxisd(pitch, Vector3d::UnitX()).toRotationMatrix() * level *
+                            turn_z(roll);
   return {R, position};
 }
 
 }  // namespace
 
-double Wave::at(double t) const {
-  return amplitude * std::sin(2.0 * kPi * frequency * t + phase);
-}
+double Wave::at(double t) const { return amplitude * std::sin(2.0 * kPi * frequency * t + phase); }
 
 Motion::Motion(const SceneOptions& options)
     : kind_(options.motion),
@@ -123,7 +121,8 @@ RigidTransform Motion::T_world_cam(double t) const {
   const double c = camera_clock(t);
   const Vector3d home(kHomeX, kHomeY, kHomeZ);
   switch (kind_) {
-    case CameraMotion::kHandHeld: break;
+    case CameraMotion::kHandHeld:
+      break;
     case CameraMotion::kPureRotation:
       return looking(home, Wave{24 * kDegree, 0.125, 0.0}.at(c),
                      kHomePitch + Wave{6 * kDegree, 0.171, 0.7}.at(c),
@@ -196,17 +195,19 @@ void Motion::pose_person(const Walker& w, double t, RigidTransform* parts) const
   const RigidTransform pelvis(facing * turn_z(0.06 * std::sin(phase)),
                               Vector3d(at.x(), at.y(), stand + 0.10 * h));
   parts[kTorso] = pelvis * joint({0, 0, 0}, turn_y(0.04));
-  parts[kHead] = parts[kTorso] * joint({0.01, 0, 0.53 * h}, turn_z(0.15 * std::sin(0.7 * t + w.phase)));
+  parts[kHead] =
+      parts[kTorso] * joint({0.01, 0, 0.53 * h}, turn_z(0.15 * std::sin(0.7 * t + w.phase)));
   for (int side = 0; side < 2; ++side) {
     const double out = side == 0 ? 1.0 : -1.0;
-    const RigidTransform hip = pelvis * joint({0, out * 0.095 * h, -0.03 * h}, turn_y(-swing[side]));
+    const RigidTransform hip =
+        pelvis * joint({0, out * 0.095 * h, -0.03 * h}, turn_y(-swing[side]));
     const RigidTransform knee_joint = hip * joint({0, 0, -thigh}, turn_y(knee[side]));
     parts[kLeftThigh + side] = hip;
     parts[kLeftShin + side] = knee_joint;
     parts[kLeftFoot + side] =
         knee_joint * joint({0, 0, -shin}, turn_y(0.6 * (swing[side] - knee[side])));
-    const double arm = w.carries ? 0.50 + 0.02 * std::sin(2.0 * phase)
-                                 : -0.38 * std::sin(phase + side * kPi);
+    const double arm =
+        w.carries ? 0.50 + 0.02 * std::sin(2.0 * phase) : -0.38 * std::sin(phase + side * kPi);
     const double elbow = w.carries ? 0.75 : 0.35 + 0.2 * std::max(0.0, arm);
     const Eigen::Matrix3d outward =
         Eigen::AngleAxisd(out * 0.10, Vector3d::UnitX()).toRotationMatrix();

@@ -21,14 +21,14 @@ Canvas paint_grain(Random random, float contrast, float stretch) {
   // Sparse specks: single texels of grain that a corner detector can hold on to from close by.
   for (int i = 0; i < 1200; ++i) {
     const float k = 1.0F + contrast * random.uniformf(-1.6F, 1.2F);
-    canvas.rectangle(random.below(512), random.below(512), 2 + random.below(4),
-                     2 + random.below(4), grey(128.0F * k));
+    canvas.rectangle(random.below(512), random.below(512), 2 + random.below(4), 2 + random.below(4),
+                     grey(128.0F * k));
   }
   return canvas;
 }
 
 Canvas paint_wall(Random random, WallStyle style) {
-  constexpr int kWidth = 1024, kHeight = 512;
+  constexpr int kWidth = kWallWidth, kHeight = kWallHeight;
   const Color base = pastel(random, random.uniformf(165.0F, 200.0F));
   Canvas canvas(kWidth, kHeight, base);
   if (style == WallStyle::kBrick) {
@@ -181,7 +181,8 @@ Canvas paint_books(Random random) {
   Canvas canvas(128, 128, grey(25.0F));
   for (int x = 0; x < 124;) {
     const int width = 14 + random.below(18), height = 96 + random.below(30);
-    const Color cover = random_color(random, random.uniformf(60.0F, 220.0F), random.uniformf(0.2F, 0.65F));
+    const Color cover =
+        random_color(random, random.uniformf(60.0F, 220.0F), random.uniformf(0.2F, 0.65F));
     canvas.rectangle(x, 128 - height, std::min(width, 127 - x), height, cover);
     const Color label = random_color(random, random.uniformf(120.0F, 240.0F), 0.3F);
     canvas.rectangle(x + 3, 128 - height + 10 + random.below(20), std::min(width, 127 - x) - 6,

@@ -8,6 +8,7 @@ namespace dynslam::dataset::scene {
 /// Grey grain around 128 for `Surface::detail`; `contrast` about 0.05 (plaster) to 0.3 (carpet).
 Canvas paint_grain(Random random, float contrast, float stretch);
 
+inline constexpr int kWallWidth = 1024, kWallHeight = 512;
 enum class WallStyle { kPaint, kWallpaper, kBrick };
 Canvas paint_wall(Random random, WallStyle style);
 Canvas paint_parquet(Random random);

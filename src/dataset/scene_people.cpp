@@ -19,14 +19,15 @@ class Tailor {
  public:
   Tailor(World& world, std::uint64_t seed, int person)
       : world_(world), random_(seed, 50 + static_cast<std::uint64_t>(person)) {
-    const auto fresh = [&](int thing) {
-      return Random(seed, 100 + 20 * static_cast<std::uint64_t>(person) +
-                              static_cast<std::uint64_t>(thing));
+    std::uint64_t purpose = 100 + 20 * static_cast<std::uint64_t>(person);
+    const auto picture = [&](int side, Canvas (*paint)(Random)) {
+      return world.add_texture(side, side,
+                               [paint, random = Random(seed, purpose++)] { return paint(random); });
     };
-    shirt_ = world.add_texture(paint_shirt(fresh(0)));
-    trousers_ = world.add_texture(paint_trousers(fresh(1)));
-    skin_ = world.add_texture(paint_skin(fresh(2)));
-    hair_ = world.add_texture(paint_hair(fresh(3)));
+    shirt_ = picture(512, paint_shirt);
+    trousers_ = picture(512, paint_trousers);
+    skin_ = picture(256, paint_skin);
+    hair_ = picture(256, paint_hair);
     body_ = 1 + person * kPartsPerPerson;
   }
 
@@ -53,16 +54,16 @@ class Tailor {
  private:
   Surface look(int texture, bool in_place) {
     Surface s;
-    const Texture& t = world_.textures[static_cast<std::size_t>(texture)];
+    const Recipe& t = world_.recipes[static_cast<std::size_t>(texture)];
     s.label = kPersonLabel;
     s.texture = texture;
     s.lit_by_normal = true;
     s.scale_u = s.scale_v = kTexelsPerMetre;
-    s.offset_u = static_cast<float>(4 * t.width());
-    s.offset_v = static_cast<float>(4 * t.height() + t.height() / 2);
+    s.offset_u = static_cast<float>(4 * t.width);
+    s.offset_v = static_cast<float>(4 * t.height + t.height / 2);
     if (!in_place) {
-      s.offset_u += static_cast<float>(random_.below(t.width()));
-      s.offset_v += static_cast<float>(random_.below(t.height()));
+      s.offset_u += static_cast<float>(random_.below(t.width));
+      s.offset_v += static_cast<float>(random_.below(t.height));
     }
     s.detail = 2;
     s.detail_offset_u = static_cast<float>(2048 + random_.below(512));
@@ -97,7 +98,9 @@ void add_people(World& world, std::uint64_t seed) {
   const int box = world.add_solid(Shape::kBox, kCarriedBoxBody, {}, half, look);
   for (int face = 0; face < 6; ++face) {
     Surface& s = world.face(box, face);
-    s.texture = world.add_texture(paint_cardboard(Random(seed, 70 + static_cast<std::uint64_t>(face))));
+    const Random paint_random(seed, 70 + static_cast<std::uint64_t>(face));
+    s.texture =
+        world.add_texture(256, 256, [paint_random] { return paint_cardboard(paint_random); });
     s.scale_u = s.scale_v = 500.0F;
     s.offset_u = s.offset_v = 1024.0F + 128.0F;
     s.detail_offset_u = s.detail_offset_v = 2048.0F;

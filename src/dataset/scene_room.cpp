@@ -16,21 +16,22 @@ RigidTransform placed(const Vector3d& center, double yaw) {
   return {Eigen::AngleAxisd(yaw, Vector3d::UnitZ()).toRotationMatrix(), center};
 }
 
-/// Detail textures, first in World::textures.
-enum Grain { kPlaster, kWoodGrain, kFabric, kSmooth, kGrains };
+/// Order of World::grains.
+enum Finish { kPlaster, kWoodGrain, kFabric, kSmooth };
 
 class RoomBuilder {
  public:
   explicit RoomBuilder(std::uint64_t seed) : seed_(seed), random_(seed, 1) {
-    world_.add_texture(paint_grain(fresh(), 0.22F, 1.0F));
-    world_.add_texture(paint_grain(fresh(), 0.22F, 6.0F));
-    world_.add_texture(paint_grain(fresh(), 0.32F, 1.0F));
-    world_.add_texture(paint_grain(fresh(), 0.05F, 1.0F));
-    for (int& wood : wood_) wood = world_.add_texture(paint_wood(fresh()));
-    for (int& plain : plain_) plain = world_.add_texture(paint_plain(fresh()));
-    metal_ = world_.add_texture(paint_metal(fresh()));
-    for (int& carton : carton_) carton = world_.add_texture(paint_cardboard(fresh()));
-    for (int& books : books_) books = world_.add_texture(paint_books(fresh()));
+    for (const auto& [contrast, stretch] : {std::pair(0.22F, 1.0F), std::pair(0.22F, 6.0F),
+                                            std::pair(0.32F, 1.0F), std::pair(0.05F, 1.0F)}) {
+      world_.grains.emplace_back(
+          [random = fresh(), c = contrast, s = stretch] { return paint_grain(random, c, s); });
+    }
+    for (int& wood : wood_) wood = picture(512, 512, paint_wood);
+    for (int& plain : plain_) plain = picture(256, 256, paint_plain);
+    metal_ = picture(256, 256, paint_metal);
+    for (int& carton : carton_) carton = picture(256, 256, paint_cardboard);
+    for (int& books : books_) books = picture(128, 128, paint_books);
   }
 
   World build() {
@@ -42,53 +43,55 @@ class RoomBuilder {
     add_sofa();
     add_loose_things();
     add_posters();
-    light();
     return std::move(world_);
   }
 
  private:
   /// A generator of its own for every thing.
   Random fresh() { return Random(seed_, 1000 + 7 * next_++); }
+  int picture(int width, int height, Canvas (*paint)(Random)) {
+    return world_.add_texture(width, height, [paint, random = fresh()] { return paint(random); });
+  }
   double jitter(double amount) { return random_.uniform(-amount, amount); }
 
   /// Texture repeated at `texels` a metre from a random place.
-  Surface tiled(int texture, double texels, Grain grain) {
+  Surface tiled(int texture, double texels, Finish finish) {
     Surface s;
-    const Texture& t = world_.textures[static_cast<std::size_t>(texture)];
+    const Recipe& t = world_.recipes[static_cast<std::size_t>(texture)];
     s.texture = texture;
     s.scale_u = s.scale_v = static_cast<float>(texels);
-    s.offset_u = static_cast<float>(8 * t.width() + random_.below(t.width()));
-    s.offset_v = static_cast<float>(8 * t.height() + random_.below(t.height()));
-    set_grain(s, grain);
+    s.offset_u = static_cast<float>(8 * t.width + random_.below(t.width));
+    s.offset_v = static_cast<float>(8 * t.height + random_.below(t.height));
+    set_grain(s, finish);
     return s;
   }
-  void set_grain(Surface& s, Grain grain) {
-    s.detail = grain;
+  void set_grain(Surface& s, Finish finish) {
+    s.detail = finish;
     s.detail_offset_u = static_cast<float>(2048 + random_.below(512));
     s.detail_offset_v = static_cast<float>(2048 + random_.below(512));
   }
   /// Stretches a texture over one face, upright.
   void fit(int solid, int face, int texture) {
     Surface& s = world_.face(solid, face);
-    const Texture& t = world_.textures[static_cast<std::size_t>(texture)];
+    const Recipe& t = world_.recipes[static_cast<std::size_t>(texture)];
     const Vector3d& size = world_.solids[static_cast<std::size_t>(solid)].size;
     const auto axis = static_cast<std::size_t>(face / 2);
     s.texture = texture;
-    s.scale_u = static_cast<float>(t.width() / (2.0 * size[kFaceU[axis]]));
-    s.scale_v = static_cast<float>(t.height() / (2.0 * size[kFaceV[axis]]));
+    s.scale_u = static_cast<float>(t.width / (2.0 * size[kFaceU[axis]]));
+    s.scale_v = static_cast<float>(t.height / (2.0 * size[kFaceV[axis]]));
     if (face < 4 && solid != 0) s.scale_v = -s.scale_v;  // pictures have their first row on top
-    s.offset_u = static_cast<float>(t.width()) * 0.5F;
-    s.offset_v = static_cast<float>(t.height()) * 0.5F;
+    s.offset_u = static_cast<float>(t.width) * 0.5F;
+    s.offset_v = static_cast<float>(t.height) * 0.5F;
   }
   int box(const Vector3d& center, const Vector3d& half, double yaw, const Surface& look) {
     return world_.add_solid(Shape::kBox, 0, placed(center, yaw), half, look);
   }
   /// Every face from another place of the texture, so that no two look the same.
   int varied_box(const Vector3d& center, const Vector3d& half, double yaw, int texture,
-                 double texels, Grain grain) {
-    const int solid = box(center, half, yaw, tiled(texture, texels, grain));
+                 double texels, Finish finish) {
+    const int solid = box(center, half, yaw, tiled(texture, texels, finish));
     for (int face = 0; face < 6; ++face) {
-      const Surface other = tiled(texture, texels, grain);
+      const Surface other = tiled(texture, texels, finish);
       Surface& s = world_.face(solid, face);
       s.offset_u = other.offset_u;
       s.offset_v = other.offset_v;
@@ -97,11 +100,12 @@ class RoomBuilder {
     }
     return solid;
   }
-  void shine(int solid, float light) { shining_.emplace_back(solid, light); }
+  void shine(int solid, float light) {
+    for (int face = 0; face < 6; ++face) world_.face(solid, face).shine = light;
+  }
   int wood() { return wood_[random_.below(2)]; }
   int plain() { return plain_[random_.below(3)]; }
 
-  void light();
   void add_shell();
   void add_shelf();
   void add_desk();
@@ -112,14 +116,12 @@ class RoomBuilder {
   void add_posters();
   void add_poster(int face, double along, double height, double half_w, double half_h);
   void add_round(Shape shape, const Vector3d& center, const Vector3d& size, int texture,
-                 double texels, Grain grain);
+                 double texels, Finish finish);
 
   std::uint64_t seed_;
   std::uint64_t next_ = 0;
   Random random_;
   World world_;
-  std::vector<Canvas> shell_;      ///< pictures of the room's six faces, before the light
-  std::vector<std::pair<int, float>> shining_;  ///< solids that do not wait for light
   int wood_[2] = {}, plain_[3] = {}, carton_[3] = {}, books_[18] = {}, metal_ = 0;
 };
 
@@ -131,18 +133,23 @@ void RoomBuilder::add_shell() {
   for (WallStyle& style : styles) style = static_cast<WallStyle>(random_.below(3));
   if (styles[2] == WallStyle::kPaint) styles[2] = WallStyle::kWallpaper;  // the wall ahead
   for (int face = 0; face < 4; ++face) {
-    shell_.push_back(paint_wall(fresh(), styles[face]));
+    fit(room, face,
+        world_.add_texture(
+            kWallWidth, kWallHeight,
+            [random = fresh(), style = styles[face]] { return paint_wall(random, style); }, face));
     set_grain(world_.face(room, face), kPlaster);
   }
-  shell_.push_back(paint_ceiling(fresh()));
+  fit(room, 4, picture(512, 512, paint_ceiling));
+  world_.recipes.back().room_face = 4;
   set_grain(world_.face(room, 4), kSmooth);
-  shell_.push_back(paint_parquet(fresh()));
+  fit(room, 5, picture(1024, 1024, paint_parquet));
+  world_.recipes.back().room_face = 5;
   set_grain(world_.face(room, 5), kWoodGrain);
   world_.face(room, 5).takes_shadows = true;
 
   const int rug = box({jitter(0.2), 0.75 + jitter(0.1), 0.006}, {1.25, 0.75, 0.006}, jitter(0.15),
                       tiled(plain_[0], 100, kFabric));
-  fit(rug, 4, world_.add_texture(paint_rug(fresh())));
+  fit(rug, 4, picture(512, 256, paint_rug));
   world_.face(rug, 4).takes_shadows = true;
 }
 
@@ -186,22 +193,22 @@ void RoomBuilder::add_desk() {
   }
   varied_box({x + 0.45, y + 0.05, 0.33}, {0.2, 0.3, 0.32}, 0, board, 260, kWoodGrain);
   const double mx = x - 0.15 + jitter(0.1), yaw = jitter(0.25);
-  const int screen = varied_box({mx, y + 0.1, top + 0.32}, {0.29, 0.02, 0.19}, yaw, metal_, 200,
-                                kSmooth);
-  fit(screen, 3, world_.add_texture(paint_screen(fresh())));
+  const int screen =
+      varied_box({mx, y + 0.1, top + 0.32}, {0.29, 0.02, 0.19}, yaw, metal_, 200, kSmooth);
+  fit(screen, 3, picture(256, 128, paint_screen));
   shine(screen, 0.95F);
   varied_box({mx, y + 0.13, top + 0.1}, {0.03, 0.02, 0.1}, yaw, metal_, 200, kSmooth);
   varied_box({mx, y - 0.2, top + 0.028}, {0.22, 0.07, 0.01}, yaw, metal_, 300, kFabric);
   double z = top + 0.018;
   for (int i = 0; i < 4; ++i) {  // a pile of books
     const double half = random_.uniform(0.015, 0.035);
-    const int book = varied_box({x + 0.5 + jitter(0.02), y - 0.05, z + half},
-                                {0.13, 0.1, half}, jitter(0.4), plain(), 200, kSmooth);
+    const int book = varied_box({x + 0.5 + jitter(0.02), y - 0.05, z + half}, {0.13, 0.1, half},
+                                jitter(0.4), plain(), 200, kSmooth);
     fit(book, 4, books_[random_.below(18)]);
     z += 2 * half;
   }
-  add_round(Shape::kCylinder, {mx - 0.42, y - 0.1, top + 0.07}, {0.04, 0.04, 0.05}, carton_[0],
-            500, kSmooth);
+  add_round(Shape::kCylinder, {mx - 0.42, y - 0.1, top + 0.07}, {0.04, 0.04, 0.05}, carton_[0], 500,
+            kSmooth);
   // The chair, pushed aside.
   const double cx = x - 0.25 + jitter(0.2), cy = 1.62, turn = jitter(0.6);
   const RigidTransform chair = placed({cx, cy, 0}, turn);
@@ -237,13 +244,14 @@ void RoomBuilder::add_cabinet() {
 
 void RoomBuilder::add_door_and_window() {
   const double door_y = -1.3 + jitter(0.15);
-  const int door = varied_box({-kRoomX + 0.02, door_y, 1.02}, {0.02, 0.45, 1.02}, 0, plain(), 150,
-                              kSmooth);
+  const int door =
+      varied_box({-kRoomX + 0.02, door_y, 1.02}, {0.02, 0.45, 1.02}, 0, plain(), 150, kSmooth);
   (void)door;
   varied_box({-kRoomX + 0.06, door_y + 0.36, 1.03}, {0.02, 0.06, 0.012}, 0, metal_, 200, kSmooth);
   const double y = 0.5 + jitter(0.3);
-  const int window = box({kRoomX - 0.02, y, 1.65}, {0.02, 0.75, 0.6}, 0, tiled(metal_, 100, kSmooth));
-  fit(window, 1, world_.add_texture(paint_window(fresh())));
+  const int window =
+      box({kRoomX - 0.02, y, 1.65}, {0.02, 0.75, 0.6}, 0, tiled(metal_, 100, kSmooth));
+  fit(window, 1, picture(256, 256, paint_window));
   shine(window, 1.08F);
   for (int i = 0; i < 9; ++i) {  // radiator
     varied_box({kRoomX - 0.07, y - 0.6 + 0.15 * i, 0.45}, {0.05, 0.055, 0.3}, 0, plain_[1], 200,
@@ -260,19 +268,19 @@ void RoomBuilder::add_sofa() {
     varied_box({x, y + side * 0.86, 0.32}, {0.42, 0.08, 0.3}, 0, cloth, 200, kFabric);
     const int cushion = varied_box({x + 0.14, y + side * 0.45 + jitter(0.1), 0.58},
                                    {0.07, 0.2, 0.17}, jitter(0.3), carton_[1], 400, kFabric);
-    fit(cushion, 1, world_.add_texture(paint_rug(fresh())));
+    fit(cushion, 1, picture(512, 256, paint_rug));
   }
 }
 
 void RoomBuilder::add_round(Shape shape, const Vector3d& center, const Vector3d& size, int texture,
-                            double texels, Grain grain) {
-  Surface look = tiled(texture, texels, grain);
+                            double texels, Finish finish) {
+  Surface look = tiled(texture, texels, finish);
   look.lit_by_normal = true;
   world_.add_solid(shape, 0, placed(center, random_.uniform(0.0, 6.0)), size, look);
 }
 
 void RoomBuilder::add_loose_things() {
-  const int leaves = world_.add_texture(paint_leaves(fresh()));
+  const int leaves = picture(256, 256, paint_leaves);
   const double px = -2.65 + jitter(0.1), py = 2.1;
   add_round(Shape::kCylinder, {px, py, 0.2}, {0.17, 0.17, 0.2}, carton_[2], 300, kPlaster);
   add_round(Shape::kCylinder, {px, py, 0.6}, {0.025, 0.025, 0.25}, wood_[0], 260, kWoodGrain);
@@ -284,17 +292,17 @@ void RoomBuilder::add_loose_things() {
   add_round(Shape::kCylinder, {0.2 + jitter(0.1), 2.3, 0.17}, {0.13, 0.13, 0.17}, metal_, 200,
             kSmooth);  // waste-paper basket
   add_round(Shape::kEllipsoid, {-0.45 + jitter(0.1), 2.0 + jitter(0.1), 0.12}, {0.12, 0.12, 0.12},
-            world_.add_texture(paint_rug(fresh())), 500, kFabric);  // ball
-  const double lx = 2.6 + jitter(0.1), ly = 2.15;  // floor lamp
+            picture(512, 256, paint_rug), 500, kFabric);  // ball
+  const double lx = 2.6 + jitter(0.1), ly = 2.15;         // floor lamp
   add_round(Shape::kCylinder, {lx, ly, 0.015}, {0.15, 0.15, 0.015}, metal_, 200, kSmooth);
   add_round(Shape::kCylinder, {lx, ly, 0.8}, {0.015, 0.015, 0.78}, metal_, 200, kSmooth);
   add_round(Shape::kEllipsoid, {lx, ly, 1.65}, {0.2, 0.2, 0.15}, plain_[0], 200, kFabric);
   double z = 0.0;
   for (int i = 0; i < 3; ++i) {  // cartons in the corner
     const double half = random_.uniform(0.14, 0.22), wide = 0.3 - 0.03 * i;
-    const int carton = varied_box({2.55 - 0.9 * (i == 2 ? 0.0 : 0.02 * i), 1.45, z + half},
-                                  {wide, wide * 0.85, half}, jitter(0.25), carton_[i], 450,
-                                  kFabric);
+    const int carton =
+        varied_box({2.55 - 0.9 * (i == 2 ? 0.0 : 0.02 * i), 1.45, z + half},
+                   {wide, wide * 0.85, half}, jitter(0.25), carton_[i], 450, kFabric);
     fit(carton, 1, carton_[i]);
     fit(carton, 3, carton_[(i + 1) % 3]);
     z += 2 * half;
@@ -313,40 +321,29 @@ void RoomBuilder::add_poster(int face, double along, double height, double half_
   center[axis] = sign * ((axis == 0 ? kRoomX : kRoomY) - kThick);
   half[axis] = kThick;
   const int poster = box(center, half, 0, tiled(plain_[0], 100, kSmooth));
-  fit(poster, face ^ 1, world_.add_texture(paint_poster(fresh())));
+  fit(poster, face ^ 1, picture(256, 256, paint_poster));
 }
 
 void RoomBuilder::add_posters() {
   constexpr int kAhead = 2, kBehind = 3, kLeft = 1, kRight = 0;
   for (double x = -0.55; x < 0.5; x += random_.uniform(0.5, 0.65)) {
-    add_poster(kAhead, x, 1.55 + jitter(0.3), random_.uniform(0.17, 0.23), random_.uniform(0.2, 0.3));
+    add_poster(kAhead, x, 1.55 + jitter(0.3), random_.uniform(0.17, 0.23),
+               random_.uniform(0.2, 0.3));
   }
   const int board = box({1.35 + jitter(0.2), kRoomY - 0.012, 1.75}, {0.6, 0.012, 0.4}, 0,
                         tiled(metal_, 100, kSmooth));
-  fit(board, 3, world_.add_texture(paint_whiteboard(fresh())));
+  fit(board, 3, picture(512, 256, paint_whiteboard));
   add_poster(kAhead, 2.3 + jitter(0.1), 1.2 + jitter(0.1), 0.2, 0.28);
   add_poster(kAhead, -0.3 + jitter(0.2), 2.35, 0.35, 0.17);
   add_poster(kAhead, 0.15 + jitter(0.1), 0.75, 0.2, 0.2);
   for (double y = -0.4; y < 2.0; y += random_.uniform(0.55, 0.8)) {
-    add_poster(kLeft, y, 1.85 + jitter(0.15), random_.uniform(0.18, 0.25), random_.uniform(0.2, 0.3));
+    add_poster(kLeft, y, 1.85 + jitter(0.15), random_.uniform(0.18, 0.25),
+               random_.uniform(0.2, 0.3));
   }
   add_poster(kRight, -1.0 + jitter(0.2), 1.6, 0.3, 0.25);
   add_poster(kRight, 1.75 + jitter(0.1), 1.9 + jitter(0.1), 0.22, 0.3);
   for (double x = -2.0; x < 2.2; x += random_.uniform(0.7, 1.1)) {
     add_poster(kBehind, x, 1.5 + jitter(0.3), random_.uniform(0.2, 0.3), random_.uniform(0.2, 0.3));
-  }
-}
-
-void RoomBuilder::light() {
-  const Lighting lighting(world_);
-  for (int face = 0; face < 6; ++face) {
-    Canvas& canvas = shell_[static_cast<std::size_t>(face)];
-    lighting.paint(world_.solids[0], face, canvas);
-    fit(0, face, world_.add_texture(canvas));
-  }
-  lighting.light_boxes(world_);
-  for (const auto& [solid, light] : shining_) {
-    for (int face = 0; face < 6; ++face) world_.face(solid, face).light.fill(light);
   }
 }
 

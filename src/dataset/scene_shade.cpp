@@ -25,7 +25,8 @@ inline float rough_atan2(float y, float x) {
   const float ax = std::abs(x), ay = std::abs(y);
   const float big = std::max(std::max(ax, ay), 1e-20F), small = std::min(ax, ay);
   const float q = small / big, q2 = q * q;
-  float a = q * (0.9998660F + q2 * (-0.3302995F + q2 * (0.1801410F + q2 * (-0.0851330F + q2 * 0.0208351F))));
+  float a = q * (0.9998660F +
+                 q2 * (-0.3302995F + q2 * (0.1801410F + q2 * (-0.0851330F + q2 * 0.0208351F))));
   a = ay > ax ? 0.5F * kPi - a : a;
   a = x < 0.0F ? kPi - a : a;
   return y < 0.0F ? -a : a;
@@ -51,9 +52,9 @@ inline std::uint32_t scale_color(std::uint32_t c, std::uint32_t k) {
 
 }  // namespace
 
-Shader::Shader(const World& world, const View& view, const RigidTransform& T_world_cam,
-               const BodyPoses& T_world_body, bool movers)
-    : world_(world) {
+Shader::Shader(const World& world, const Appearance& look, const View& view,
+               const RigidTransform& T_world_cam, const BodyPoses& T_world_body, bool movers)
+    : world_(world), look_(look) {
   const PinholeCamera& camera = view.camera();
   K_inverse_ << 1.0 / camera.fx, 0.0, -camera.cx / camera.fx,  //
       0.0, 1.0 / camera.fy, -camera.cy / camera.fy,            //
@@ -138,11 +139,12 @@ void Shader::map_plane(const Samples& samples, int index, int count, Scratch& sc
   // The area that a pixel covers grows with depth and with 1 / cos; cos = w * distance to plane.
   const Vector3d& size = solid.size;
   const double sign = face % 2 == 0 ? 1.0 : -1.0;
-  const double distance = std::abs(sign * T.t[static_cast<int>(axis)] - size[static_cast<int>(axis)]);
+  const double distance =
+      std::abs(sign * T.t[static_cast<int>(axis)] - size[static_cast<int>(axis)]);
   const float base = rough_log2(std::sqrt(std::abs(surface.scale_u * surface.scale_v)) / focal_) -
                      0.75F * rough_log2(static_cast<float>(std::max(distance, 1e-4)));
   const auto light = [&] {
-    std::array<float, 4> l = surface.light;
+    std::array<float, 4> l = look_.light[static_cast<std::size_t>(index)];
     if (surface.lit_by_normal) {
       const Vector3d n = sign * T.R.row(static_cast<int>(axis)).transpose();
       l.fill(static_cast<float>(0.74 + 0.16 * n.dot(up_) + 0.16 * n.dot(key_)));
@@ -151,7 +153,8 @@ void Shader::map_plane(const Samples& samples, int index, int count, Scratch& sc
   }();
   const float l0 = light[0], lu = light[1] - light[0], lv = light[2] - light[0];
   const float luv = light[3] - light[2] - light[1] + light[0];
-  const auto au = static_cast<float>(0.5 / (su * size[u_axis])), av = static_cast<float>(0.5 / (sv * size[v_axis]));
+  const auto au = static_cast<float>(0.5 / (su * size[u_axis])),
+             av = static_cast<float>(0.5 / (sv * size[v_axis]));
   const float offset_u = surface.offset_u, offset_v = surface.offset_v;
   const int n = (count + 7) & ~7;
   for (int i = 0; i < n; ++i) {
@@ -222,8 +225,8 @@ void Shader::map_round(const Samples& samples, int index, int count, Scratch& sc
 
 void Shader::fetch(const Surface& surface, int count, const Scratch& scratch,
                    std::uint32_t* out) const {
-  const Texture& color = world_.textures[static_cast<std::size_t>(surface.texture)];
-  const Texture& grain = world_.textures[static_cast<std::size_t>(surface.detail)];
+  const Texture& color = look_.textures[static_cast<std::size_t>(surface.texture)];
+  const Grain& grain = look_.grains[static_cast<std::size_t>(surface.detail)];
   const float ku = kDetailTexelsPerMetre / surface.scale_u;
   const float kv = kDetailTexelsPerMetre / surface.scale_v;
   const float u0 = surface.detail_offset_u - ku * surface.offset_u;
@@ -232,7 +235,7 @@ void Shader::fetch(const Surface& surface, int count, const Scratch& scratch,
   for (int i = 0; i < count; ++i) {
     const float s = scratch.s[i], t = scratch.t[i], lod = scratch.lod[i];
     const std::uint32_t c = color.sample(s, t, lod);
-    const std::uint32_t d = grain.sample(ku * s + u0, kv * t + v0, lod + finer) & 255U;
+    const std::uint32_t d = grain.sample(ku * s + u0, kv * t + v0, lod + finer);
     const float k = scratch.light[i] * 2.0F * static_cast<float>(d);
     out[scratch.index[i]] = scale_color(c, static_cast<std::uint32_t>(std::max(k, 0.0F)));
   }

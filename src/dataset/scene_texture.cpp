@@ -22,11 +22,12 @@ struct Lattice {
 
 float smooth(float x) { return x * x * (3.0F - 2.0F * x); }
 
-std::uint32_t pack(const Color& c) {
-  const auto byte = [](float x) {
-    return static_cast<std::uint32_t>(std::clamp(x + 0.5F, 0.0F, 255.0F));
-  };
-  return byte(c.b) | byte(c.g) << 8 | byte(c.r) << 16 | 0xFF000000U;
+std::uint32_t byte(float x) {
+  return static_cast<std::uint32_t>(std::clamp(x + 0.5F, 0.0F, 255.0F));
+}
+void pack(const Color& c, GrainTexel* texel) { *texel = static_cast<GrainTexel>(byte(c.g)); }
+void pack(const Color& c, ColorTexel* texel) {
+  *texel = byte(c.b) | byte(c.g) << 8 | byte(c.r) << 16 | 0xFF000000U;
 }
 
 }  // namespace
@@ -50,13 +51,14 @@ void Canvas::modulate(Random& random, float amplitude, int cells, int octaves, f
   float weight = 1.0F, total = 0.0F;
   for (int octave = 0; octave < octaves; ++octave, cells *= 2, weight *= gain) {
     const int rows = std::max(1, cells);
-    const int columns = std::max(
-        1, static_cast<int>(static_cast<float>(cells * width_) / (stretch * static_cast<float>(height_))));
+    const int columns = std::max(1, static_cast<int>(static_cast<float>(cells * width_) /
+                                                     (stretch * static_cast<float>(height_))));
     const Lattice lattice(random, columns, rows);
     total += weight;
     std::vector<float> line(static_cast<std::size_t>(columns) + 1);
     for (int y = 0; y < height_; ++y) {
-      const float v = static_cast<float>(y) * static_cast<float>(rows) / static_cast<float>(height_);
+      const float v =
+          static_cast<float>(y) * static_cast<float>(rows) / static_cast<float>(height_);
       const int row = static_cast<int>(v);
       const float fy = smooth(v - static_cast<float>(row));
       for (int c = 0; c <= columns; ++c) {
@@ -111,8 +113,7 @@ void Canvas::print(Random& random, int x, int y, int width, int height, int line
 void Canvas::scatter(Random& random, int count, int low, int high, float brightness,
                      float saturation) {
   for (int i = 0; i < count; ++i) {
-    const Color color =
-        random_color(random, brightness * random.uniformf(0.25F, 1.0F), saturation);
+    const Color color = random_color(random, brightness * random.uniformf(0.25F, 1.0F), saturation);
     const int x = random.below(width_), y = random.below(height_);
     const int a = low + random.below(high - low + 1), b = low + random.below(high - low + 1);
     if (random.chance(0.7)) {
@@ -123,7 +124,8 @@ void Canvas::scatter(Random& random, int count, int low, int high, float brightn
   }
 }
 
-Texture::Texture(const Canvas& canvas) : width_(canvas.width()), height_(canvas.height()) {
+template <typename Texel>
+MipMap<Texel>::MipMap(const Canvas& canvas) : width_(canvas.width()), height_(canvas.height()) {
   std::vector<Color> pixels;
   pixels.reserve(static_cast<std::size_t>(width_ * height_));
   for (int y = 0; y < height_; ++y) {
@@ -148,11 +150,15 @@ Texture::Texture(const Canvas& canvas) : width_(canvas.width()), height_(canvas.
   }
 }
 
-void Texture::add_level(const std::vector<Color>& pixels, int width, int height) {
+template <typename Texel>
+void MipMap<Texel>::add_level(const std::vector<Color>& pixels, int width, int height) {
   int shift = 0;
   while ((1 << shift) < width) ++shift;
   levels_.push_back({static_cast<std::uint32_t>(texels_.size()), width - 1, height - 1, shift});
-  for (const Color& pixel : pixels) texels_.push_back(pack(pixel));
+  for (const Color& pixel : pixels) pack(pixel, &texels_.emplace_back());
 }
+
+template class MipMap<ColorTexel>;
+template class MipMap<GrainTexel>;
 
 }  // namespace dynslam::dataset::scene

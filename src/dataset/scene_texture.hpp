@@ -47,75 +47,89 @@ class Canvas {
   std::vector<Color> pixels_;
 };
 
-/// Mip-mapped texture that repeats in both directions, four bytes a texel: B, G, R, 255.
-class Texture {
+// Texels and their filters: the inner loop of shading, hence in the header.
+
+/// B, G, R, 255. Two channels at a time ride in one word, each with eight bits of room for weights.
+using ColorTexel = std::uint32_t;
+/// One channel.
+using GrainTexel = std::uint8_t;
+
+inline constexpr std::uint32_t kEvenBytes = 0x00FF00FFU;
+
+/// Sum of four texels; the weights are 256 in all.
+inline std::uint32_t weigh(const ColorTexel& a, const ColorTexel& b, const ColorTexel& c,
+                           const ColorTexel& d, const std::uint32_t* w) {
+  const std::uint32_t even = ((a & kEvenBytes) * w[0] + (b & kEvenBytes) * w[1] +
+                              (c & kEvenBytes) * w[2] + (d & kEvenBytes) * w[3]) >>
+                             8;
+  const std::uint32_t odd = ((a >> 8) & kEvenBytes) * w[0] + ((b >> 8) & kEvenBytes) * w[1] +
+                            ((c >> 8) & kEvenBytes) * w[2] + ((d >> 8) & kEvenBytes) * w[3];
+  return (even & kEvenBytes) | (odd & ~kEvenBytes);
+}
+inline std::uint32_t weigh(const GrainTexel& a, const GrainTexel& b, const GrainTexel& c,
+                           const GrainTexel& d, const std::uint32_t* w) {
+  return (a * w[0] + b * w[1] + c * w[2] + d * w[3]) >> 8;
+}
+
+/// Mip-mapped texture that repeats in both directions.
+template <typename Texel>
+class MipMap {
  public:
-  Texture() = default;
-  explicit Texture(const Canvas& canvas);
+  MipMap() = default;
+  explicit MipMap(const Canvas& canvas);
   int width() const { return width_; }
   int height() const { return height_; }
 
-  /// Colour at texel coordinates (s, t) >= 0 of the finest level (texel centres at integers + 0.5),
-  /// filtered over 2^lod texels. Bilinear within a level; between two levels it blends over the
-  /// middle half of the way only, which saves the second level half of the time.
-  std::uint32_t sample(float s, float t, float lod) const;
+  /// Colour (in the layout of the texel) at texel coordinates (s, t) >= 0 of the finest level
+  /// (texel centres at integers + 0.5), filtered over 2^lod texels. Bilinear within a level;
+  /// between two levels it blends over the middle half of the way only, which saves the second
+  /// level half of the time.
+  std::uint32_t sample(float s, float t, float lod) const {
+    const auto x = static_cast<int>(s * 256.0F), y = static_cast<int>(t * 256.0F);
+    const int last = static_cast<int>(levels_.size()) - 1;
+    const int fixed = lod > 0.0F ? static_cast<int>(lod * 256.0F) : 0;
+    const int level = fixed >> 8;
+    if (level >= last) return bilinear(last, x, y);
+    const int rest = fixed & 255;
+    if (rest <= 64) return bilinear(level, x, y);
+    if (rest >= 192) return bilinear(level + 1, x, y);
+    const auto weight = static_cast<std::uint32_t>(2 * (rest - 64));
+    const std::uint32_t weights[4] = {256U - weight, weight, 0U, 0U};
+    const auto a = static_cast<Texel>(bilinear(level, x, y));
+    const auto b = static_cast<Texel>(bilinear(level + 1, x, y));
+    return weigh(a, b, a, a, weights);
+  }
 
  private:
   struct Level {
     std::uint32_t offset;
     int mask_x, mask_y, shift;
   };
-  std::uint32_t bilinear(int level, int x, int y) const;
+
+  /// x and y in 1/256 texel of the finest level.
+  std::uint32_t bilinear(int level, int x, int y) const {
+    const Level& l = levels_[static_cast<std::size_t>(level)];
+    x = (x >> level) - 128;  // to the texel whose centre is left of and above the sample
+    y = (y >> level) - 128;
+    const auto fx = static_cast<std::uint32_t>(x & 255), fy = static_cast<std::uint32_t>(y & 255);
+    const std::uint32_t both = (fx * fy + 128U) >> 8;
+    const std::uint32_t weights[4] = {256U - fx - fy + both, fx - both, fy - both, both};
+    const int x0 = (x >> 8) & l.mask_x, x1 = ((x >> 8) + 1) & l.mask_x;
+    const int y0 = (y >> 8) & l.mask_y, y1 = ((y >> 8) + 1) & l.mask_y;
+    const Texel* row0 = texels_.data() + l.offset + (y0 << l.shift);
+    const Texel* row1 = texels_.data() + l.offset + (y1 << l.shift);
+    return weigh(row0[x0], row0[x1], row1[x0], row1[x1], weights);
+  }
   void add_level(const std::vector<Color>& pixels, int width, int height);
 
   int width_ = 0, height_ = 0;
   std::vector<Level> levels_;
-  std::vector<std::uint32_t> texels_;
+  std::vector<Texel> texels_;
 };
 
-// Filtering: the inner loop of shading, hence in the header. Two colour channels at a time ride in
-// one 32-bit word, each with eight bits of room for its weight.
-
-inline constexpr std::uint32_t kEvenBytes = 0x00FF00FFU;
-
-/// a + (b - a) * weight / 256 in each of the four bytes.
-inline std::uint32_t blend(std::uint32_t a, std::uint32_t b, std::uint32_t weight) {
-  const std::uint32_t back = 256U - weight;
-  const std::uint32_t even = ((a & kEvenBytes) * back + (b & kEvenBytes) * weight) >> 8;
-  const std::uint32_t odd = ((a >> 8) & kEvenBytes) * back + ((b >> 8) & kEvenBytes) * weight;
-  return (even & kEvenBytes) | (odd & ~kEvenBytes);
-}
-
-/// x and y in 1/256 texel of the finest level.
-inline std::uint32_t Texture::bilinear(int level, int x, int y) const {
-  const Level& l = levels_[static_cast<std::size_t>(level)];
-  x = (x >> level) - 128;  // to the texel whose centre is left of and above the sample
-  y = (y >> level) - 128;
-  const auto fx = static_cast<std::uint32_t>(x & 255), fy = static_cast<std::uint32_t>(y & 255);
-  const std::uint32_t w11 = (fx * fy + 128U) >> 8, w10 = fx - w11, w01 = fy - w11;
-  const std::uint32_t w00 = 256U - fx - fy + w11;
-  const int x0 = (x >> 8) & l.mask_x, x1 = ((x >> 8) + 1) & l.mask_x;
-  const std::uint32_t* row0 = texels_.data() + l.offset + ((((y >> 8)) & l.mask_y) << l.shift);
-  const std::uint32_t* row1 = texels_.data() + l.offset + ((((y >> 8) + 1) & l.mask_y) << l.shift);
-  const std::uint32_t a = row0[x0], b = row0[x1], c = row1[x0], d = row1[x1];
-  const std::uint32_t even = ((a & kEvenBytes) * w00 + (b & kEvenBytes) * w10 +
-                              (c & kEvenBytes) * w01 + (d & kEvenBytes) * w11) >> 8;
-  const std::uint32_t odd = ((a >> 8) & kEvenBytes) * w00 + ((b >> 8) & kEvenBytes) * w10 +
-                            ((c >> 8) & kEvenBytes) * w01 + ((d >> 8) & kEvenBytes) * w11;
-  return (even & kEvenBytes) | (odd & ~kEvenBytes);
-}
-
-inline std::uint32_t Texture::sample(float s, float t, float lod) const {
-  const auto x = static_cast<int>(s * 256.0F), y = static_cast<int>(t * 256.0F);
-  const int last = static_cast<int>(levels_.size()) - 1;
-  const int fixed = lod > 0.0F ? static_cast<int>(lod * 256.0F) : 0;
-  int level = fixed >> 8;
-  if (level >= last) return bilinear(last, x, y);
-  const int rest = fixed & 255;
-  if (rest <= 64) return bilinear(level, x, y);
-  if (rest >= 192) return bilinear(level + 1, x, y);
-  return blend(bilinear(level, x, y), bilinear(level + 1, x, y),
-               static_cast<std::uint32_t>(2 * (rest - 64)));
-}
+using Texture = MipMap<ColorTexel>;
+using Grain = MipMap<GrainTexel>;
+extern template class MipMap<ColorTexel>;
+extern template class MipMap<GrainTexel>;
 
 }  // namespace dynslam::dataset::scene

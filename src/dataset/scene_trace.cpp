@@ -27,8 +27,8 @@ void bound_quadric(const Vector3d& c, const Matrix3d& M, int axis, double* low, 
   *high = (b - root) / a;
 }
 
-void widen(SolidView& view, const PinholeCamera& camera, double x0, double y0, double x1,
-           double y1, double nearest_z) {
+void widen(SolidView& view, const PinholeCamera& camera, double x0, double y0, double x1, double y1,
+           double nearest_z) {
   constexpr float kMargin = 1.0F;
   view.x0 = std::min(view.x0, static_cast<float>(camera.fx * x0 + camera.cx) - kMargin);
   view.y0 = std::min(view.y0, static_cast<float>(camera.fy * y0 + camera.cy) - kMargin);
@@ -239,11 +239,18 @@ void View::trace(const std::vector<int>& candidates, Samples& samples) const {
     // Nearest first: once everything is nearer than the next solid can be, the rest is hidden.
     if (solid.nearest_w < least_w(samples)) break;
     switch (solid.shape) {
-      case Shape::kBox: draw_box(solid, samples); break;
-      case Shape::kCylinder: draw_cylinder(solid, samples); break;
+      case Shape::kBox:
+        draw_box(solid, samples);
+        break;
+      case Shape::kCylinder:
+        draw_cylinder(solid, samples);
+        break;
       case Shape::kEllipsoid:
-      case Shape::kLimb: draw_quadrics(solid, samples); break;
-      case Shape::kRoom: break;
+      case Shape::kLimb:
+        draw_quadrics(solid, samples);
+        break;
+      case Shape::kRoom:
+        break;
     }
   }
 }

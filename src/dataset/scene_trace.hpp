@@ -19,7 +19,7 @@
 
 namespace dynslam::dataset::scene {
 
-inline constexpr int kTile = 16;                            ///< pixels a side
+inline constexpr int kTile = 16;  ///< pixels a side
 inline constexpr int kTilePixels = kTile * kTile;
 inline constexpr int kMaxSamples = 4 * kTilePixels;
 
@@ -30,7 +30,7 @@ struct Samples {
   int count = 0;
   alignas(32) float dx[kMaxSamples] = {};
   alignas(32) float dy[kMaxSamples] = {};
-  alignas(32) float w[kMaxSamples] = {};             ///< 1 / depth
+  alignas(32) float w[kMaxSamples] = {};  ///< 1 / depth
   alignas(32) std::int32_t surface[kMaxSamples] = {};
 
   int padded() const { return (count + 7) & ~7; }
@@ -41,9 +41,9 @@ using Linear = Eigen::Vector3d;
 
 /// One of up to three quadrics of a solid: w = b + sqrt(D) where D >= 0.
 struct QuadricView {
-  Eigen::Matrix3d D;           ///< quadratic form of (u, v, 1)
+  Eigen::Matrix3d D;  ///< quadratic form of (u, v, 1)
   Linear b;
-  bool clipped = false;        ///< cone: lower <= axis / w <= upper
+  bool clipped = false;  ///< cone: lower <= axis / w <= upper
   Linear axis;
   double lower = 0.0, upper = 0.0;
 };
@@ -53,8 +53,8 @@ struct SolidView {
   Shape shape = Shape::kBox;
   int first_surface = 0;
   int body = 0;
-  float x0 = 0, y0 = 0, x1 = 0, y1 = 0;   ///< rectangle of pixels outside which it is not seen
-  float nearest_w = 0;                    ///< upper bound of w over the solid
+  float x0 = 0, y0 = 0, x1 = 0, y1 = 0;  ///< rectangle of pixels outside which it is not seen
+  float nearest_w = 0;                   ///< upper bound of w over the solid
   /// Planes: the first `front` face the camera, w of each and its surface's number in the solid.
   int planes = 0, front = 0;
   std::array<Linear, 6> plane;

@@ -33,7 +33,9 @@ struct TileQuadratic {
     y = static_cast<float>(2.0 * Hp.y());
     c = static_cast<float>(p.dot(Hp));
   }
-  float at(float dx, float dy) const { return (xx * dx + (xy * dy + x)) * dx + ((yy * dy + y) * dy + c); }
+  float at(float dx, float dy) const {
+    return (xx * dx + (xy * dy + x)) * dx + ((yy * dy + y) * dy + c);
+  }
 };
 
 /// Whether no ray of the tile meets a box: somewhere it enters one face only after it has left
@@ -116,10 +118,17 @@ void draw_planes(const SolidView& solid, Samples& samples) {
 
 void draw_box(const SolidView& solid, Samples& samples) {
   switch (solid.front) {
-    case 1: draw_planes<1, 6>(solid, samples); break;
-    case 2: draw_planes<2, 6>(solid, samples); break;
-    case 3: draw_planes<3, 6>(solid, samples); break;
-    default: break;
+    case 1:
+      draw_planes<1, 6>(solid, samples);
+      break;
+    case 2:
+      draw_planes<2, 6>(solid, samples);
+      break;
+    case 3:
+      draw_planes<3, 6>(solid, samples);
+      break;
+    default:
+      break;
   }
 }
 

@@ -126,7 +126,8 @@ Hit intersect(const Solid& solid, const Eigen::Vector3d& origin, const Eigen::Ve
       clip_quadratic(inside, ds.squaredNorm(), os.dot(ds), os.squaredNorm() - 1.0, 0);
       break;
     }
-    case Shape::kLimb: break;
+    case Shape::kLimb:
+      break;
   }
   if (inside.empty()) return {};
   if (solid.shape == Shape::kRoom) return {inside.leave, solid.first_surface + inside.leave_face};

@@ -98,7 +98,8 @@ struct Correspondence {
 /// Thread-safety: const members may be called from several threads at once.
 class RenderedScene {
  public:
-  /// Builds room and textures (about 0.2 s). Throws InvalidArgument through `options.validate()`.
+  /// Builds the room (a millisecond; colours are painted by the first `render`, about 0.3 s).
+  /// Throws InvalidArgument through `options.validate()`.
   explicit RenderedScene(const SceneOptions& options = {});
   ~RenderedScene();
   RenderedScene(RenderedScene&&) noexcept;
