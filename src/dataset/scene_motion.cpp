@@ -196,7 +196,7 @@ void Motion::pose_person(const Walker& w, double t, RigidTransform* parts) const
                               Vector3d(at.x(), at.y(), stand + 0.10 * h));
   parts[kTorso] = pelvis * joint({0, 0, 0}, turn_y(0.04));
   parts[kHead] =
-      parts[kTorso] * joint({0.01, 0, 0.53 * h}, turn_z(0.15 * std::sin(0.7 * t + w.phase)));
+      parts[kTorso] * joint({0.01, 0, 0.53 * h}, turn_z(0.15 * std::sin(0.8 * way + w.phase)));
   for (int side = 0; side < 2; ++side) {
     const double out = side == 0 ? 1.0 : -1.0;
     const RigidTransform hip =
