@@ -159,11 +159,15 @@ struct RenderedScene::Impl {
   scene::Hit first_hit(const RigidTransform& T_world_cam, const BodyPoses& bodies,
                        const Eigen::Vector3d& direction) const {
     scene::Hit nearest;
+    const Eigen::Vector3d along = T_world_cam.R * direction;
     for (const scene::Solid& solid : world.solids) {
       if (solid.body != 0 && !options.movers) continue;
-      const RigidTransform T_world_solid =
-          bodies[static_cast<std::size_t>(solid.body)] * solid.T_body_solid;
-      const RigidTransform T = T_world_solid.inverse() * T_world_cam;
+      const RigidTransform& T_world_body = bodies[static_cast<std::size_t>(solid.body)];
+      const scene::Ball ball = scene::ball_around(solid);
+      const Eigen::Vector3d way = T_world_body * (solid.T_body_solid * ball.center) - T_world_cam.t;
+      const double gap = way.cross(along).squaredNorm() / along.squaredNorm();
+      if (gap > 1.001 * ball.radius * ball.radius) continue;
+      const RigidTransform T = (T_world_body * solid.T_body_solid).inverse() * T_world_cam;
       const scene::Hit hit = scene::intersect(solid, T.t, T.R * direction);
       if (hit.surface >= 0 && (nearest.surface < 0 || hit.depth < nearest.depth)) nearest = hit;
     }

@@ -87,8 +87,8 @@ void find_edges(const Workspace& work, int x0, int y0, std::vector<int>& edges) 
     for (int x = 0; x < kTile; ++x) {
       const int c = x0 + x;
       const std::int32_t s = line[c];
-      const bool edge = (line[std::max(0, c - 1)] != s) | (line[std::min(right, c + 1)] != s) |
-                        (above[c] != s) | (below[c] != s);
+      const int left = std::max(0, c - 1), after = std::min(right, c + 1);
+      const bool edge = line[left] != s || line[after] != s || above[c] != s || below[c] != s;
       if (edge) edges.push_back(y * kTile + x);
     }
   }

@@ -47,15 +47,25 @@ Canvas::Canvas(int width, int height, Color fill)
 
 void Canvas::modulate(Random& random, float amplitude, int cells, int octaves, float gain,
                       float stretch) {
+  const auto width = static_cast<std::size_t>(width_);
   std::vector<float> noise(pixels_.size(), 0.0F);
+  std::vector<std::int32_t> column(width);
+  std::vector<float> weight_x(width), line;
   float weight = 1.0F, total = 0.0F;
   for (int octave = 0; octave < octaves; ++octave, cells *= 2, weight *= gain) {
     const int rows = std::max(1, cells);
-    const int columns = std::max(1, static_cast<int>(static_cast<float>(cells * width_) /
-                                                     (stretch * static_cast<float>(height_))));
+    const float wanted =
+        static_cast<float>(cells * width_) / (stretch * static_cast<float>(height_));
+    const int columns = std::max(1, static_cast<int>(wanted));
     const Lattice lattice(random, columns, rows);
     total += weight;
-    std::vector<float> line(static_cast<std::size_t>(columns) + 1);
+    for (std::size_t x = 0; x < width; ++x) {
+      const float u =
+          static_cast<float>(x) * static_cast<float>(columns) / static_cast<float>(width_);
+      column[x] = static_cast<std::int32_t>(u);
+      weight_x[x] = smooth(u - static_cast<float>(column[x]));
+    }
+    line.assign(static_cast<std::size_t>(columns) + 1, 0.0F);
     for (int y = 0; y < height_; ++y) {
       const float v =
           static_cast<float>(y) * static_cast<float>(rows) / static_cast<float>(height_);
@@ -65,13 +75,10 @@ void Canvas::modulate(Random& random, float amplitude, int cells, int octaves, f
         const float above = lattice.at(c, row), below = lattice.at(c, row + 1);
         line[static_cast<std::size_t>(c)] = weight * (above + fy * (below - above));
       }
-      float* out = noise.data() + static_cast<std::size_t>(y) * static_cast<std::size_t>(width_);
-      const float step = static_cast<float>(columns) / static_cast<float>(width_);
-      for (int x = 0; x < width_; ++x) {
-        const float u = static_cast<float>(x) * step;
-        const auto column = static_cast<std::size_t>(u);
-        const float fx = smooth(u - static_cast<float>(column));
-        out[x] += line[column] + fx * (line[column + 1] - line[column]);
+      float* out = noise.data() + static_cast<std::size_t>(y) * width;
+      for (std::size_t x = 0; x < width; ++x) {
+        const float* at = line.data() + column[x];
+        out[x] += at[0] + weight_x[x] * (at[1] - at[0]);
       }
     }
   }
@@ -126,13 +133,10 @@ void Canvas::scatter(Random& random, int count, int low, int high, float brightn
 
 template <typename Texel>
 MipMap<Texel>::MipMap(const Canvas& canvas) : width_(canvas.width()), height_(canvas.height()) {
-  std::vector<Color> pixels;
-  pixels.reserve(static_cast<std::size_t>(width_ * height_));
-  for (int y = 0; y < height_; ++y) {
-    for (int x = 0; x < width_; ++x) pixels.push_back(canvas.at(x, y));
-  }
   int w = width_, h = height_;
-  add_level(pixels, w, h);
+  texels_.reserve(canvas.pixels().size() * 4 / 3 + 16);
+  add_level(canvas.pixels(), w, h);
+  std::vector<Color> pixels = canvas.pixels();
   while (w > 1 && h > 1) {  // every level is the mean of 2 x 2 texels of the one before
     std::vector<Color> half(static_cast<std::size_t>(w / 2 * (h / 2)));
     for (int y = 0; y < h / 2; ++y) {
@@ -155,7 +159,9 @@ void MipMap<Texel>::add_level(const std::vector<Color>& pixels, int width, int h
   int shift = 0;
   while ((1 << shift) < width) ++shift;
   levels_.push_back({static_cast<std::uint32_t>(texels_.size()), width - 1, height - 1, shift});
-  for (const Color& pixel : pixels) pack(pixel, &texels_.emplace_back());
+  const std::size_t first = texels_.size();
+  texels_.resize(first + pixels.size());
+  for (std::size_t i = 0; i < pixels.size(); ++i) pack(pixels[i], &texels_[first + i]);
 }
 
 template class MipMap<ColorTexel>;

@@ -25,6 +25,7 @@ class Canvas {
   Canvas(int width, int height, Color fill);
   int width() const { return width_; }
   int height() const { return height_; }
+  const std::vector<Color>& pixels() const { return pixels_; }
   Color& at(int x, int y) { return pixels_[static_cast<std::size_t>(index(x, y))]; }
   const Color& at(int x, int y) const { return pixels_[static_cast<std::size_t>(index(x, y))]; }
 

@@ -102,6 +102,23 @@ int World::add_solid(Shape shape, int body, const RigidTransform& T_body_solid,
   return index;
 }
 
+Ball ball_around(const Solid& solid) {
+  const Eigen::Vector3d& size = solid.size;
+  switch (solid.shape) {
+    case Shape::kRoom:
+      break;
+    case Shape::kBox:
+      return {Eigen::Vector3d::Zero(), size.norm()};
+    case Shape::kCylinder:
+      return {Eigen::Vector3d::Zero(), std::hypot(size.x(), size.z())};
+    case Shape::kEllipsoid:
+      return {Eigen::Vector3d::Zero(), size.maxCoeff()};
+    case Shape::kLimb:
+      return {{0.0, 0.0, -0.5 * size.z()}, 0.5 * size.z() + std::max(size.x(), size.y())};
+  }
+  return {Eigen::Vector3d::Zero(), kInfinity};
+}
+
 Hit intersect(const Solid& solid, const Eigen::Vector3d& origin, const Eigen::Vector3d& direction) {
   const Eigen::Vector3d &o = origin, &d = direction, &size = solid.size;
   if (solid.shape == Shape::kLimb) {

@@ -123,6 +123,13 @@ struct Hit {
   int surface = -1;
 };
 
+/// Ball that holds a solid, in the solid's coordinates; infinite for the room.
+struct Ball {
+  Eigen::Vector3d center;
+  double radius;
+};
+Ball ball_around(const Solid& solid);
+
 /// First meeting of a ray with the solid (slabs and quadratic equations in the solid's coordinates,
 /// double precision); surface -1 if there is none. The origin lies outside, for the room inside.
 Hit intersect(const Solid& solid, const Eigen::Vector3d& origin, const Eigen::Vector3d& direction);

@@ -143,7 +143,7 @@ class RenderedScene {
 
   /// What the ray through any image point (sub-pixel; also outside the image) meets first, in
   /// double precision and without any acceleration: the oracle for `truth`. Nothing if `pixel` is
-  /// not finite. O(objects), about a microsecond.
+  /// not finite. O(objects), a few microseconds.
   std::optional<SurfacePoint> cast(std::size_t index, const Eigen::Vector2d& pixel) const;
 
   /// Where the point seen at `pixel` in frame `from` is in frame `to`; movers move with their
