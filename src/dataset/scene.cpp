@@ -46,25 +46,39 @@ void SceneOptions::validate() const {
   require(threads >= 1 && threads <= 64, kName, "threads", threads, "1 to 64");
 }
 
+namespace {
+
+/// What depends on the seed alone, shared by all variants of a scene.
+class Room {
+ public:
+  explicit Room(std::uint64_t seed) : world(scene::build_room(seed)) {
+    scene::add_people(world, seed);
+  }
+  /// Painted when colours are wanted for the first time.
+  const scene::Appearance& look() const {
+    std::call_once(painted_, [this] { look_ = scene::paint_world(world); });
+    return look_;
+  }
+  scene::World world;
+
+ private:
+  mutable std::once_flag painted_;
+  mutable scene::Appearance look_;
+};
+
+}  // namespace
+
 struct RenderedScene::Impl {
   SceneOptions options;
-  scene::World world;
+  std::shared_ptr<const Room> room;
+  const scene::World& world;
   scene::Motion motion;
-  mutable std::once_flag painted;
-  mutable scene::Appearance look_once;  ///< through look() only
   mutable std::mutex mutex;
   mutable std::vector<std::unique_ptr<scene::Workspace>> idle;  ///< memory that nobody uses now
 
-  explicit Impl(const SceneOptions& o)
-      : options((o.validate(), o)), world(scene::build_room(o.seed)), motion(o) {
-    scene::add_people(world, o.seed);
-  }
-
-  /// Painted when colours are wanted for the first time.
-  const scene::Appearance& look() const {
-    std::call_once(painted, [this] { look_once = scene::paint_world(world); });
-    return look_once;
-  }
+  /// The options are valid.
+  Impl(const SceneOptions& o, std::shared_ptr<const Room> r)
+      : options(o), room(std::move(r)), world(room->world), motion(o) {}
 
   double time(std::size_t index) const { return static_cast<double>(index) / options.fps; }
 
@@ -175,8 +189,19 @@ struct RenderedScene::Impl {
   }
 };
 
-RenderedScene::RenderedScene(const SceneOptions& options)
-    : impl_(std::make_unique<Impl>(options)) {}
+RenderedScene::RenderedScene(const SceneOptions& options) {
+  options.validate();
+  impl_ = std::make_unique<Impl>(options, std::make_shared<const Room>(options.seed));
+}
+RenderedScene::RenderedScene(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
+
+RenderedScene RenderedScene::variant(const SceneOptions& options) const {
+  options.validate();
+  require(options.seed == impl_->options.seed, "RenderedScene::variant", "seed", options.seed,
+          "the seed of the scene, " + std::to_string(impl_->options.seed));
+  return RenderedScene(std::make_unique<Impl>(options, impl_->room));
+}
+
 RenderedScene::~RenderedScene() = default;
 RenderedScene::RenderedScene(RenderedScene&&) noexcept = default;
 RenderedScene& RenderedScene::operator=(RenderedScene&&) noexcept = default;
@@ -213,7 +238,7 @@ Frame RenderedScene::render(std::size_t index) const {
   const RigidTransform T_world_cam = this->T_world_cam(index);
   const BodyPoses bodies = impl.motion.T_world_body(impl.time(index));
   const scene::View view = impl.view(T_world_cam, bodies);
-  const scene::Shader shader(impl.world, impl.look(), view, T_world_cam, bodies, o.movers);
+  const scene::Shader shader(impl.world, impl.room->look(), view, T_world_cam, bodies, o.movers);
   const Impl::Loan loan(impl);
   scene::Workspace& work = *loan;
   scene::trace_frame(view, o.threads, work);

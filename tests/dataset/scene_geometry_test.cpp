@@ -217,6 +217,25 @@ TEST(RenderedScene, SurfacesOfTheRoomDoNotMove) {
   EXPECT_EQ(T.t, Eigen::Vector3d::Zero());
 }
 
+TEST(RenderedScene, VariantIsTheSceneThatItsOptionsMake) {
+  SceneOptions options = small(6);
+  const RenderedScene scene(options);
+  options.movers = false;
+  options.motion = CameraMotion::kSideways;
+  options.camera = scene_camera(64, 48);
+  const RenderedScene variant = scene.variant(options);
+  EXPECT_FALSE(variant.options().movers);
+  EXPECT_TRUE(same_frame(variant.render(40), RenderedScene(options).render(40)));
+}
+
+TEST(RenderedScene, RefusesAVariantWithAnotherSeed) {
+  const RenderedScene scene(small(6));
+  EXPECT_THROW(scene.variant(small(7)), InvalidArgument);
+  SceneOptions bad = small(6);
+  bad.fps = -1.0;
+  EXPECT_THROW(scene.variant(bad), InvalidArgument);
+}
+
 TEST(RenderedScene, RefusesASurfaceThatItDoesNotHave) {
   const RenderedScene scene(small());
   EXPECT_THROW(scene.T_world_surface(-1, 0), InvalidArgument);

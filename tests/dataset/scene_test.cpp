@@ -58,10 +58,9 @@ TEST(MakeScene, KnowsAllItsNames) {
 TEST(MakeScene, RoomStillHasNoMovers) {
   SceneOptions options = small();
   options.frames = 100;
-  const auto still = make_scene("room_still", options),
-             walking = make_scene("room_walking", options);
+  const auto still = make_scene("room_still", options);
+  const auto walking = make_scene("room_walking", options);
   EXPECT_EQ(cv::countNonZero(still->read(50).mask), 0);
-  EXPECT_GT(cv::countNonZero(walking->read(50).mask), 0);
   EXPECT_EQ(still->truth()[99].T_world_cam.t, walking->truth()[99].T_world_cam.t);
 }
 

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <map>
 
 #include <opencv2/core.hpp>
 
@@ -22,6 +23,13 @@ inline SceneOptions clean(std::uint64_t seed = 1, int width = 160, int height = 
   SceneOptions options = small(seed, width, height);
   options.motion_blur = options.exposure_drift = options.image_noise = options.depth_noise = false;
   return options;
+}
+
+/// A scene whose textures are painted once for all tests with the same seed.
+inline RenderedScene shared_scene(const SceneOptions& options) {
+  static std::map<std::uint64_t, RenderedScene> rooms;
+  const auto room = rooms.try_emplace(options.seed, options).first;
+  return room->second.variant(options);
 }
 
 inline bool same_bits(const cv::Mat& a, const cv::Mat& b) {

@@ -105,6 +105,11 @@ class RenderedScene {
   RenderedScene(RenderedScene&&) noexcept;
   RenderedScene& operator=(RenderedScene&&) noexcept;
 
+  /// The same room under other options, for example without movers or with another camera. Shares
+  /// the textures, so it costs next to nothing. Throws InvalidArgument if the seed is another, or
+  /// through `options.validate()`.
+  RenderedScene variant(const SceneOptions& options) const;
+
   const SceneOptions& options() const;
   const DepthCamera& camera() const;
 
@@ -158,6 +163,7 @@ class RenderedScene {
 
  private:
   struct Impl;
+  explicit RenderedScene(std::unique_ptr<Impl> impl);
   std::unique_ptr<Impl> impl_;
 };
 
