@@ -16,7 +16,7 @@ struct PoseGraphEdge {
   std::uint32_t from = 0;
   std::uint32_t to = 0;
   RigidTransform T_to_from;
-  Matrix6d information = Matrix6d::Identity(); ///< of the error [rho; omega], symmetric, >= 0
+  Matrix6d information = Matrix6d::Identity();  ///< of the error [rho; omega], symmetric, >= 0
 };
 
 /// The same with scale.
@@ -24,14 +24,14 @@ struct Sim3GraphEdge {
   std::uint32_t from = 0;
   std::uint32_t to = 0;
   Similarity S_to_from;
-  Matrix7d information = Matrix7d::Identity(); ///< of the error [rho; omega; sigma]
+  Matrix7d information = Matrix7d::Identity();  ///< of the error [rho; omega; sigma]
 };
 
 /// Options of the pose graph.
 struct PoseGraphOptions {
-  int max_iterations = 50;      ///< >= 1
-  double cost_tolerance = 1e-9; ///< stop on relative decrease below, >= 0
-  RobustLoss loss = {};         ///< over each edge's squared error; default: none
+  int max_iterations = 50;       ///< >= 1
+  double cost_tolerance = 1e-9;  ///< stop on relative decrease below, >= 0
+  RobustLoss loss = {};          ///< over each edge's squared error; default: none
 
   /// Throws InvalidArgument naming the member that breaks its rule.
   void validate() const;
@@ -43,7 +43,7 @@ struct PoseGraphSummary {
   double initial_cost = 0.0;
   double final_cost = 0.0;
   int iterations = 0;
-  const char *linear_solver = "";
+  const char* linear_solver = "";
 };
 
 /// Minimizes 1/2 sum rho(e' information e), e = log(T_to_from^-1 T_to T_from^-1), over the nodes'
@@ -55,11 +55,11 @@ struct PoseGraphSummary {
 PoseGraphSummary optimize_pose_graph(Span<RigidTransform> T_cam_world,
                                      Span<const PoseGraphEdge> edges,
                                      Span<const std::uint8_t> fixed = {},
-                                     const PoseGraphOptions &options = {});
+                                     const PoseGraphOptions& options = {});
 
 /// The same over similarities S_cam_world.
 PoseGraphSummary optimize_pose_graph(Span<Similarity> S_cam_world, Span<const Sim3GraphEdge> edges,
                                      Span<const std::uint8_t> fixed = {},
-                                     const PoseGraphOptions &options = {});
+                                     const PoseGraphOptions& options = {});
 
-} // namespace dynslam::factors
+}  // namespace dynslam::factors

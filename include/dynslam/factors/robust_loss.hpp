@@ -10,11 +10,11 @@ namespace dynslam::factors {
 
 /// Shape of a robust loss. All are scaled so that rho(s) ~ s near zero.
 enum class LossKind {
-  None,         ///< rho = s: plain least squares
-  Huber,        ///< s inside, 2 c sqrt(s) - c^2 outside
-  Cauchy,       ///< c^2 log(1 + s / c^2)
-  GemanMcClure, ///< c^2 s / (c^2 + s): the static weight, eliminated, with lambda = c^2
-  Barron,       ///< Barron's general loss (CVPR 2019), shape `alpha`
+  None,          ///< rho = s: plain least squares
+  Huber,         ///< s inside, 2 c sqrt(s) - c^2 outside
+  Cauchy,        ///< c^2 log(1 + s / c^2)
+  GemanMcClure,  ///< c^2 s / (c^2 + s): the static weight, eliminated, with lambda = c^2
+  Barron,        ///< Barron's general loss (CVPR 2019), shape `alpha`
 };
 
 /// Value and derivatives of a loss with respect to s.
@@ -28,13 +28,14 @@ struct LossValue {
 /// observation is 1/2 rho(s).
 ///
 /// Source: Huber 1964; Geman & McClure 1987; Barron, "A General and Adaptive Robust Loss
-/// Function", CVPR 2019, eq. 8 (there rho = 2 f(sqrt(s), alpha, c) c^2 here, so that every kind is s near 0).
+/// Function", CVPR 2019, eq. 8 (there rho = 2 f(sqrt(s), alpha, c) c^2 here, so that every kind is
+/// s near 0).
 struct RobustLoss {
   LossKind kind = LossKind::None;
-  double scale = 1.0; ///< c, in standard deviations, > 0; Huber's habit: sqrt(5.991) = 2.447 mono,
-                      ///< sqrt(7.815) = 2.796 with depth
-  double alpha = 1.0; ///< Barron only, in [-100, 2]: 2 is least squares, 1 pseudo-Huber, 0 Cauchy,
-                      ///< -2 Geman-McClure
+  double scale = 1.0;  ///< c, in standard deviations, > 0; Huber's habit: sqrt(5.991) = 2.447 mono,
+                       ///< sqrt(7.815) = 2.796 with depth
+  double alpha = 1.0;  ///< Barron only, in [-100, 2]: 2 is least squares, 1 pseudo-Huber, 0 Cauchy,
+                       ///< -2 Geman-McClure
 
   /// Throws InvalidArgument naming the member that breaks its rule.
   void validate() const {
@@ -51,39 +52,38 @@ struct RobustLoss {
 inline LossValue RobustLoss::operator()(double s) const {
   const double c2 = scale * scale;
   switch (kind) {
-  case LossKind::None:
-    break;
-  case LossKind::Huber: {
-    if (s > c2) {
-      const double root = std::sqrt(s);
-      return {2.0 * scale * root - c2, scale / root, -0.5 * scale / (root * s)};
-    }
-    break;
-  }
-  case LossKind::Cauchy: {
-    const double inv = c2 / (c2 + s);
-    return {c2 * std::log1p(s / c2), inv, -inv * inv / c2};
-  }
-  case LossKind::GemanMcClure: {
-    const double inv = c2 / (c2 + s);
-    return {s * inv, inv * inv, -2.0 * inv * inv * inv / c2};
-  }
-  case LossKind::Barron: {
-    const double x = s / c2;
-    if (alpha == 2.0)
+    case LossKind::None:
       break;
-    if (alpha == 0.0) { // limit: Cauchy of scale sqrt(2) c
-      const double inv = 1.0 / (1.0 + 0.5 * x);
-      return {2.0 * c2 * std::log1p(0.5 * x), inv, -0.5 * inv * inv / c2};
+    case LossKind::Huber: {
+      if (s > c2) {
+        const double root = std::sqrt(s);
+        return {2.0 * scale * root - c2, scale / root, -0.5 * scale / (root * s)};
+      }
+      break;
     }
-    const double b = std::abs(alpha - 2.0);
-    const double base = x / b + 1.0;
-    const double power = std::pow(base, 0.5 * alpha - 1.0);
-    return {2.0 * c2 * b / alpha * (power * base - 1.0), power,
-            (0.5 * alpha - 1.0) * power / base / (b * c2)};
-  }
+    case LossKind::Cauchy: {
+      const double inv = c2 / (c2 + s);
+      return {c2 * std::log1p(s / c2), inv, -inv * inv / c2};
+    }
+    case LossKind::GemanMcClure: {
+      const double inv = c2 / (c2 + s);
+      return {s * inv, inv * inv, -2.0 * inv * inv * inv / c2};
+    }
+    case LossKind::Barron: {
+      const double x = s / c2;
+      if (alpha == 2.0) break;
+      if (alpha == 0.0) {  // limit: Cauchy of scale sqrt(2) c
+        const double inv = 1.0 / (1.0 + 0.5 * x);
+        return {2.0 * c2 * std::log1p(0.5 * x), inv, -0.5 * inv * inv / c2};
+      }
+      const double b = std::abs(alpha - 2.0);
+      const double base = x / b + 1.0;
+      const double power = std::pow(base, 0.5 * alpha - 1.0);
+      return {2.0 * c2 * b / alpha * (power * base - 1.0), power,
+              (0.5 * alpha - 1.0) * power / base / (b * c2)};
+    }
   }
   return {s, 1.0, 0.0};
 }
 
-} // namespace dynslam::factors
+}  // namespace dynslam::factors

@@ -15,20 +15,20 @@ using Matrix7d = Eigen::Matrix<double, 7, 7>;
 struct Similarity {
   Eigen::Matrix3d R = Eigen::Matrix3d::Identity();
   Eigen::Vector3d t = Eigen::Vector3d::Zero();
-  double s = 1.0; ///< > 0
+  double s = 1.0;  ///< > 0
 
   Similarity() = default;
-  Similarity(double s_, const Eigen::Matrix3d &R_, const Eigen::Vector3d &t_)
+  Similarity(double s_, const Eigen::Matrix3d& R_, const Eigen::Vector3d& t_)
       : R(R_), t(t_), s(s_) {}
   /// A rigid motion is a similarity of scale 1.
-  explicit Similarity(const RigidTransform &T) : R(T.R), t(T.t) {}
+  explicit Similarity(const RigidTransform& T) : R(T.R), t(T.t) {}
 
   Similarity inverse() const {
     const Eigen::Matrix3d Rt = R.transpose();
     return {1.0 / s, Rt, -(Rt * t) / s};
   }
-  Similarity operator*(const Similarity &b) const { return {s * b.s, R * b.R, s * (R * b.t) + t}; }
-  Eigen::Vector3d operator*(const Eigen::Vector3d &x) const { return s * (R * x) + t; }
+  Similarity operator*(const Similarity& b) const { return {s * b.s, R * b.R, s * (R * b.t) + t}; }
+  Eigen::Vector3d operator*(const Eigen::Vector3d& x) const { return s * (R * x) + t; }
 
   /// The rigid motion with the same camera centre and rotation, for a camera-from-world
   /// similarity: R, t / s.
@@ -37,9 +37,9 @@ struct Similarity {
 };
 
 /// Exponential of Sim(3), xi = [rho; omega; sigma]. O(1), no allocation.
-Similarity sim3_exp(const Vector7d &xi);
+Similarity sim3_exp(const Vector7d& xi);
 
 /// Logarithm of Sim(3): the xi with |omega| <= pi whose exponential is S; S.s > 0.
-Vector7d sim3_log(const Similarity &S);
+Vector7d sim3_log(const Similarity& S);
 
-} // namespace dynslam::factors
+}  // namespace dynslam::factors

@@ -18,15 +18,15 @@ namespace dynslam::factors {
 
 /// What one detector says of one feature.
 struct DetectorVote {
-  double staticness = 1.0;   ///< 1 static .. 0 dynamic; NaN: this detector has no opinion
-  double contribution = 0.5; ///< eta of segmentation, omega of geometry (paper: 0.5 each), >= 0
+  double staticness = 1.0;    ///< 1 static .. 0 dynamic; NaN: this detector has no opinion
+  double contribution = 0.5;  ///< eta of segmentation, omega of geometry (paper: 0.5 each), >= 0
 };
 
 /// Rules for the initial weight.
 struct StaticWeightOptions {
-  double momentum = 0.0; ///< share of last frame's optimized weight in phi0, [0, 1); engineering
-                         ///< (the idea is DynaVINS's)
-  double unknown = 0.5;  ///< phi0 of a feature no detector has an opinion on, [0, 1]; engineering
+  double momentum = 0.0;  ///< share of last frame's optimized weight in phi0, [0, 1); engineering
+                          ///< (the idea is DynaVINS's)
+  double unknown = 0.5;   ///< phi0 of a feature no detector has an opinion on, [0, 1]; engineering
 
   /// Throws InvalidArgument naming the member that breaks its rule.
   void validate() const {
@@ -47,26 +47,23 @@ struct StaticWeightOptions {
 /// `options.unknown`. Throws InvalidArgument for a vote outside [0, 1], a negative or non-finite
 /// contribution, a `previous` outside [0, 1]. O(votes), no allocation.
 /// Source: P-Static section 4 (which prints m_seg twice); momentum is a departure.
-inline double initial_weight(Span<const DetectorVote> votes,
-                             double previous = std::nan(""),
-                             const StaticWeightOptions &options = {}) {
+inline double initial_weight(Span<const DetectorVote> votes, double previous = std::nan(""),
+                             const StaticWeightOptions& options = {}) {
   options.validate();
   require(!(previous < 0.0) && !(previous > 1.0), "initial_weight", "previous", previous,
           "a weight in [0, 1], or NaN for none");
   double sum = 0.0, total = 0.0;
-  for (const DetectorVote &vote : votes) {
+  for (const DetectorVote& vote : votes) {
     require(std::isfinite(vote.contribution) && vote.contribution >= 0.0, "initial_weight",
             "votes.contribution", vote.contribution, "a finite number >= 0");
-    if (std::isnan(vote.staticness))
-      continue;
-    require(vote.staticness >= 0.0 && vote.staticness <= 1.0, "initial_weight",
-            "votes.staticness", vote.staticness, "a number in [0, 1], or NaN for no opinion");
+    if (std::isnan(vote.staticness)) continue;
+    require(vote.staticness >= 0.0 && vote.staticness <= 1.0, "initial_weight", "votes.staticness",
+            vote.staticness, "a number in [0, 1], or NaN for no opinion");
     sum += vote.contribution * vote.staticness;
     total += vote.contribution;
   }
   const bool remembered = !std::isnan(previous);
-  if (!(total > 0.0))
-    return remembered ? previous : options.unknown;
+  if (!(total > 0.0)) return remembered ? previous : options.unknown;
   const double phi0 = std::min(1.0, sum / total);
   return remembered ? (1.0 - options.momentum) * phi0 + options.momentum * previous : phi0;
 }
@@ -107,4 +104,4 @@ inline void update_weights(Span<const float> phi0, Span<const float> squared_res
   }
 }
 
-} // namespace dynslam::factors
+}  // namespace dynslam::factors

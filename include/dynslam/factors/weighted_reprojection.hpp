@@ -4,10 +4,11 @@
 // (docs/components/factors.md shows both) and dynslam's own optimizers are tested against them.
 #pragma once
 
-#include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
 #include <type_traits>
+
+#include <Eigen/Core>
 
 #include "dynslam/core/camera.hpp"
 #include "dynslam/core/errors.hpp"
@@ -19,9 +20,8 @@ namespace dynslam::factors {
 /// Lens without distortion.
 struct NoDistortion {
   /// Identity on normalized image coordinates (x/z, y/z).
-  Eigen::Vector2d distort(const Eigen::Vector2d &xy, Eigen::Matrix2d *J = nullptr) const {
-    if (J)
-      J->setIdentity();
+  Eigen::Vector2d distort(const Eigen::Vector2d& xy, Eigen::Matrix2d* J = nullptr) const {
+    if (J) J->setIdentity();
     return xy;
   }
 };
@@ -32,13 +32,13 @@ struct RadialTangentialDistortion {
   double k1 = 0.0, k2 = 0.0, p1 = 0.0, p2 = 0.0, k3 = 0.0;
 
   /// Distorted normalized coordinates and, where asked for, their derivative. O(1).
-  Eigen::Vector2d distort(const Eigen::Vector2d &xy, Eigen::Matrix2d *J = nullptr) const {
+  Eigen::Vector2d distort(const Eigen::Vector2d& xy, Eigen::Matrix2d* J = nullptr) const {
     const double x = xy.x(), y = xy.y(), r2 = x * x + y * y;
     const double radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3));
     if (J) {
-      const double slope = 2.0 * (k1 + r2 * (2.0 * k2 + 3.0 * r2 * k3)); // d radial / d(r^2) * 2
+      const double slope = 2.0 * (k1 + r2 * (2.0 * k2 + 3.0 * r2 * k3));  // d radial / d(r^2) * 2
       const double mixed = slope * x * y + 2.0 * (p1 * x + p2 * y);
-      *J << radial + slope * x * x + 2.0 * p1 * y + 6.0 * p2 * x, mixed, //
+      *J << radial + slope * x * x + 2.0 * p1 * y + 6.0 * p2 * x, mixed,  //
           mixed, radial + slope * y * y + 6.0 * p1 * y + 2.0 * p2 * x;
     }
     return {x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
@@ -54,9 +54,7 @@ inline double pyramid_sigma(int octave, double scale_factor = 1.2, double sigma0
 
 /// Standard deviation of a Kinect-style depth z (metres): 0.0012 + 0.0019 (z - 0.4)^2.
 /// Source: Nguyen, Izadi, Lovell, 3DIMPVT 2012; theory.md section 4.
-constexpr double kinect_depth_sigma(double z) {
-  return 0.0012 + 0.0019 * (z - 0.4) * (z - 0.4);
-}
+constexpr double kinect_depth_sigma(double z) { return 0.0012 + 0.0019 * (z - 0.4) * (z - 0.4); }
 
 /// S^-1/2 of (u, v): 1/sigma on the diagonal.
 inline Eigen::Matrix2d mono_sqrt_information(double sigma) {
@@ -81,25 +79,26 @@ inline Eigen::Matrix3d depth_sqrt_information(double sigma, double bf, double z,
 }
 
 /// Derivatives of `weighted_reprojection`, each filled when its pointer is set.
-template <int Rows> struct ReprojectionJacobians {
+template <int Rows>
+struct ReprojectionJacobians {
   static_assert(Rows == 2 || Rows == 3, "mono has 2 rows, stereo and RGB-D have 3");
   static constexpr int kIntrinsics = Rows == 2 ? 4 : 5;
   /// by the left perturbation [rho; omega] of T_cam_world
-  Eigen::Matrix<double, Rows, 6> *pose = nullptr;
+  Eigen::Matrix<double, Rows, 6>* pose = nullptr;
   /// by the point in world coordinates
-  Eigen::Matrix<double, Rows, 3> *point = nullptr;
+  Eigen::Matrix<double, Rows, 3>* point = nullptr;
   /// by the static weight phi: the whitened residual itself
-  Eigen::Matrix<double, Rows, 1> *weight = nullptr;
+  Eigen::Matrix<double, Rows, 1>* weight = nullptr;
   /// by fx, fy, cx, cy (and bf for 3 rows)
-  Eigen::Matrix<double, Rows, kIntrinsics> *intrinsics = nullptr;
+  Eigen::Matrix<double, Rows, kIntrinsics>* intrinsics = nullptr;
 };
 
 namespace detail {
 
-inline double right_baseline(const PinholeCamera &) { return 0.0; }
-inline double right_baseline(const DepthCamera &camera) { return camera.bf; }
+inline double right_baseline(const PinholeCamera&) { return 0.0; }
+inline double right_baseline(const DepthCamera& camera) { return camera.bf; }
 
-} // namespace detail
+}  // namespace detail
 
 /// Weighted reprojection residual e = phi S^-1/2 (p - pi(T_cam_world X)).
 ///
@@ -110,18 +109,17 @@ inline double right_baseline(const DepthCamera &camera) { return camera.bf; }
 /// (z <= kMinDepth or not finite). NaN in the measurement or weight goes into the residual.
 /// O(1), no allocation. Source: theory.md section 5; P-Static section 4.
 template <int Rows, typename Camera, typename Distortion = NoDistortion>
-bool weighted_reprojection(const Camera &camera, const RigidTransform &T_cam_world,
-                           const Eigen::Vector3d &point_world,
-                           const Eigen::Matrix<double, Rows, 1> &measured,
-                           const Eigen::Matrix<double, Rows, Rows> &sqrt_information, double phi,
-                           Eigen::Matrix<double, Rows, 1> &residual,
-                           const ReprojectionJacobians<Rows> &jacobians = {},
-                           const Distortion &lens = {}) {
+bool weighted_reprojection(const Camera& camera, const RigidTransform& T_cam_world,
+                           const Eigen::Vector3d& point_world,
+                           const Eigen::Matrix<double, Rows, 1>& measured,
+                           const Eigen::Matrix<double, Rows, Rows>& sqrt_information, double phi,
+                           Eigen::Matrix<double, Rows, 1>& residual,
+                           const ReprojectionJacobians<Rows>& jacobians = {},
+                           const Distortion& lens = {}) {
   static_assert(Rows == 2 || std::is_base_of_v<DepthCamera, Camera>,
                 "three rows need a DepthCamera");
   const Eigen::Vector3d X = T_cam_world * point_world;
-  if (!PinholeCamera::in_domain(X))
-    return false;
+  if (!PinholeCamera::in_domain(X)) return false;
   const double inv_z = 1.0 / X.z();
   const Eigen::Vector2d xy = X.head<2>() * inv_z;
   Eigen::Matrix2d D;
@@ -132,15 +130,14 @@ bool weighted_reprojection(const Camera &camera, const RigidTransform &T_cam_wor
   r[0] = measured[0] - (camera.fx * d.x() + camera.cx);
   r[1] = measured[1] - (camera.fy * d.y() + camera.cy);
   const double bf = detail::right_baseline(camera);
-  if constexpr (Rows == 3)
-    r[2] = measured[2] - (camera.fx * d.x() + camera.cx - bf * inv_z);
+  if constexpr (Rows == 3) r[2] = measured[2] - (camera.fx * d.x() + camera.cx - bf * inv_z);
   const Eigen::Matrix<double, Rows, 1> whitened = sqrt_information * r;
   residual = phi * whitened;
 
   if (derive) {
-    Eigen::Matrix<double, 2, 3> N; // d(x/z, y/z) / dX
+    Eigen::Matrix<double, 2, 3> N;  // d(x/z, y/z) / dX
     N << inv_z, 0.0, -xy.x() * inv_z, 0.0, inv_z, -xy.y() * inv_z;
-    Eigen::Matrix<double, Rows, 3> P; // -phi S^-1/2 d pi / dX
+    Eigen::Matrix<double, Rows, 3> P;  // -phi S^-1/2 d pi / dX
     P.row(0) = camera.fx * (D.row(0) * N);
     P.row(1) = camera.fy * (D.row(1) * N);
     if constexpr (Rows == 3) {
@@ -152,11 +149,9 @@ bool weighted_reprojection(const Camera &camera, const RigidTransform &T_cam_wor
       jacobians.pose->template leftCols<3>() = P;
       jacobians.pose->template rightCols<3>() = -P * skew(X);
     }
-    if (jacobians.point)
-      *jacobians.point = P * T_cam_world.R;
+    if (jacobians.point) *jacobians.point = P * T_cam_world.R;
   }
-  if (jacobians.weight)
-    *jacobians.weight = whitened;
+  if (jacobians.weight) *jacobians.weight = whitened;
   if (jacobians.intrinsics) {
     Eigen::Matrix<double, Rows, ReprojectionJacobians<Rows>::kIntrinsics> K;
     K.setZero();
@@ -179,4 +174,4 @@ inline double weight_prior_residual(double phi, double phi0, double lambda) {
   return std::sqrt(lambda) * (phi - phi0);
 }
 
-} // namespace dynslam::factors
+}  // namespace dynslam::factors
