@@ -33,7 +33,8 @@ Frame look(const dynslam::DepthCamera& camera, const dynslam::RigidTransform& T_
   std::normal_distribution<double> noise(0.0, 1.0);
   Frame frame;
   for (int i = 0; i < 500; ++i) {
-    const Eigen::Vector2d pixel(uniform(rng) * 639.0, uniform(rng) * 479.0);
+    const double u = uniform(rng) * 639.0, v = uniform(rng) * 479.0;
+    const Eigen::Vector2d pixel(u, v);
     const Eigen::Vector3d X = camera.unproject(pixel, 1.0 + 4.0 * uniform(rng));
     const bool moves = uniform(rng) < 0.4;
     const Eigen::Vector3d walked =

@@ -55,7 +55,7 @@ struct Problem {
     std::uniform_real_distribution<double> uniform(0.0, 1.0);
     T = se3_exp(synthetic::random_twist(rng, 1.0, 1.0));
     for (std::size_t i = 0; i < n; ++i) {
-      const Eigen::Vector3d X = camera.unproject({uniform(rng) * 640.0, uniform(rng) * 480.0},
+      const Eigen::Vector3d X = camera.unproject(synthetic::random_pixel(rng),
                                                  i % 7 == 3 ? -2.0 : 1.0 + 3.0 * uniform(rng));
       const Eigen::Vector3d world = T.inverse() * X;
       x[i] = world.x(), y[i] = world.y(), z[i] = world.z();

@@ -54,13 +54,27 @@ struct Frame {
   }
 };
 
-inline Vector6d random_twist(std::mt19937& rng, double distance, double rotation) {
+// Draws in a fixed order: the order in which a compiler evaluates arguments is its own.
+inline Eigen::Vector3d random_direction(std::mt19937& rng) {
   std::normal_distribution<double> normal;
-  Eigen::Vector3d a(normal(rng), normal(rng), normal(rng)),
-      b(normal(rng), normal(rng), normal(rng));
+  Eigen::Vector3d v;
+  for (int k = 0; k < 3; ++k) v[k] = normal(rng);
+  return v.normalized();
+}
+
+inline Vector6d random_twist(std::mt19937& rng, double distance, double rotation) {
   Vector6d xi;
-  xi << distance * a.normalized(), rotation * b.normalized();
+  xi.head<3>() = distance * random_direction(rng);
+  xi.tail<3>() = rotation * random_direction(rng);
   return xi;
+}
+
+inline Eigen::Vector2d random_pixel(std::mt19937& rng) {
+  std::uniform_real_distribution<double> uniform(0.0, 1.0);
+  Eigen::Vector2d p;
+  p.x() = 639.0 * uniform(rng);
+  p.y() = 479.0 * uniform(rng);
+  return p;
 }
 
 inline Frame make_frame(const FrameOptions& o, unsigned seed) {
@@ -74,7 +88,7 @@ inline Frame make_frame(const FrameOptions& o, unsigned seed) {
   for (int i = 0; i < o.points; ++i) {
     const int octave = static_cast<int>(uniform(rng) * 4.0);
     const double sigma = std::pow(1.2, octave);
-    const Eigen::Vector2d p(uniform(rng) * 639.0, uniform(rng) * 479.0);
+    const Eigen::Vector2d p = random_pixel(rng);
     const Eigen::Vector3d X = f.camera.unproject(p, 1.0 + 5.0 * uniform(rng));
     const bool moves = uniform(rng) < o.movers;
     // Movers turn about their own centre, in front of the camera.
@@ -83,7 +97,7 @@ inline Frame make_frame(const FrameOptions& o, unsigned seed) {
     Eigen::Vector3d m = f.camera.project3(seen.z() > 0.2 ? seen : X);
     for (int k = 0; k < 3; ++k) m[k] += o.noise * sigma * normal(rng);
     if (uniform(rng) < o.outliers) {
-      m = {uniform(rng) * 639.0, uniform(rng) * 479.0, 0.0};
+      m.head<2>() = random_pixel(rng);
       m[2] = m[0] - 5.0 - 30.0 * uniform(rng);
     }
     f.points.push_back(f.truth.inverse() * X);

@@ -29,10 +29,10 @@ struct Case {
     std::mt19937 rng(seed);
     std::uniform_real_distribution<double> uniform(-1.0, 1.0);
     T = se3_exp(synthetic::random_twist(rng, 2.0, 1.5));
-    const Eigen::Vector3d in_camera(uniform(rng), uniform(rng), 2.0 + uniform(rng));
+    const Eigen::Vector3d in_camera =
+        synthetic::random_direction(rng) + Eigen::Vector3d(0.0, 0.0, 2.0);
     X = T.inverse() * in_camera;
-    measured.setRandom();
-    measured = 100.0 * measured + Eigen::Matrix<double, Rows, 1>::Constant(200.0);
+    for (int k = 0; k < Rows; ++k) measured[k] = 200.0 + 100.0 * uniform(rng);
     if constexpr (Rows == 3) {
       L = depth_sqrt_information(1.3, camera.bf, in_camera.z(), kinect_depth_sigma(in_camera.z()));
     } else {

@@ -51,7 +51,7 @@ struct PoseOptimizerOptions {
                             ///< 1/2 phi0^2 rho(s); Joint and Eliminated are robust by themselves
   int rounds = 1;  ///< rounds of optimization, >= 1; after each, every observation is tested
                    ///< against chi2 and outliers sit out the next round (ORB-SLAM's habit: 4)
-  int max_iterations = 10;    ///< Levenberg-Marquardt iterations a round, >= 1
+  int max_iterations = 20;    ///< Levenberg-Marquardt iterations a round, >= 1
   double chi2_mono = 5.991;   ///< inlier bound on s for 2 rows, > 0; 95 % of chi^2 with 2 d.o.f.
   double chi2_depth = 7.815;  ///< inlier bound on s for 3 rows, > 0; 95 % of chi^2 with 3 d.o.f.
   bool loss_in_last_round = true;  ///< false: the last of several rounds is plain least squares
