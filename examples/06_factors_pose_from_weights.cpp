@@ -75,7 +75,7 @@ int main() {
 
   // [ten-line example]
   PoseOptimizerOptions options;
-  options.weights = WeightMode::Eliminated;
+  options.weights = WeightMode::kEliminated;
   PoseOptimizer optimizer(options);  // keep it: it owns the memory
   const PoseObservations<float> seen{
       dynslam::as_points<double>(frame.points),
@@ -88,7 +88,7 @@ int main() {
   const auto weights = optimizer.weights();  // start the next frame with these
   // [ten-line example]
 
-  options.weights = WeightMode::Fixed;
+  options.weights = WeightMode::kFixed;
   optimizer.set_options(options);
   double moving = 0.0, still = 0.0;
   int movers = 0;

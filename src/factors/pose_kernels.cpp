@@ -95,13 +95,13 @@ double weigh_by(double scale_squared, double curvature, std::size_t size,
     const M front = hn::Ge(raw, zero);
     const V si = hn::IfThenElse(front, raw, hn::Set(d, kBehindSquared));
     V wi = t, ci = zero, rho = si;
-    if constexpr (kLoss == Loss::GemanMcClure) {
+    if constexpr (kLoss == Loss::kGemanMcClure) {
       const V inv = hn::Div(hn::Set(d, 1.0), hn::Add(c2, si));
       const V ratio = hn::Mul(c2, inv);
       rho = hn::Mul(si, ratio);
       wi = hn::Mul(t, hn::Mul(ratio, ratio));
       ci = hn::Mul(hn::Mul(hn::Set(d, -4.0), factor), hn::Mul(wi, inv));
-    } else if constexpr (kLoss == Loss::Huber) {
+    } else if constexpr (kLoss == Loss::kHuber) {
       const M outside = hn::Gt(si, c2);
       const V root = hn::Sqrt(hn::Max(si, c2));
       const V inv = hn::Div(scale, root);
@@ -119,14 +119,14 @@ double weigh_by(double scale_squared, double curvature, std::size_t size,
 double weigh(Loss loss, double scale_squared, double curvature, std::size_t size, const double* s,
              const double* trust, double* w, double* c) {
   switch (loss) {
-    case Loss::Huber:
-      return weigh_by<Loss::Huber>(scale_squared, curvature, size, s, trust, w, c);
-    case Loss::GemanMcClure:
-      return weigh_by<Loss::GemanMcClure>(scale_squared, curvature, size, s, trust, w, c);
-    case Loss::LeastSquares:
+    case Loss::kHuber:
+      return weigh_by<Loss::kHuber>(scale_squared, curvature, size, s, trust, w, c);
+    case Loss::kGemanMcClure:
+      return weigh_by<Loss::kGemanMcClure>(scale_squared, curvature, size, s, trust, w, c);
+    case Loss::kLeastSquares:
       break;
   }
-  return weigh_by<Loss::LeastSquares>(scale_squared, curvature, size, s, trust, w, c);
+  return weigh_by<Loss::kLeastSquares>(scale_squared, curvature, size, s, trust, w, c);
 }
 
 double weigh_joint(double lambda, double cross, std::size_t size, const double* HWY_RESTRICT s,

@@ -39,7 +39,7 @@ void mean_residual(std::size_t size, const double* s, const double* trust, doubl
                    double* total);
 
 // The losses that have a vector form; the others are computed in a plain loop.
-enum class Loss { LeastSquares, Huber, GemanMcClure };
+enum class Loss { kLeastSquares, kHuber, kGemanMcClure };
 
 // Cost sum trust rho(s) / 2; per point the Gauss-Newton weight w = trust rho' and the curvature
 // c = curvature * 2 trust rho''.

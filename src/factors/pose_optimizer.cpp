@@ -181,9 +181,9 @@ void PoseOptimizer::Workspace::report(PoseResult* result) {
     result->inliers += inliers[i];
     const bool tested = arrays.active[i] > 0.0;
     double phi = arrays.phi0[i];
-    if (options.weights == WeightMode::Joint && tested)
+    if (options.weights == WeightMode::kJoint && tested)
       phi = arrays.phi[i];
-    else if (options.weights != WeightMode::Fixed)
+    else if (options.weights != WeightMode::kFixed)
       phi = optimal_weight(phi, s, options.lambda);
     weights[i] = static_cast<float>(phi);
   }
@@ -199,7 +199,7 @@ PoseResult PoseOptimizer::Workspace::optimize(const DepthCamera& camera,
   result.T_cam_world = initial;
   gather(obs);
   if (!initial.all_finite()) {
-    result.status = SolveStatus::NonFinite;
+    result.status = SolveStatus::kNonFinite;
     return result;
   }
   PoseSolver solver(options, arrays, camera, size, prior);
@@ -213,7 +213,7 @@ PoseResult PoseOptimizer::Workspace::optimize(const DepthCamera& camera,
     if (round > 0 && select(true) < options.min_observations) {
       solver.start(initial.normalized());
       report(&result);
-      result.status = SolveStatus::TooFewPoints;
+      result.status = SolveStatus::kTooFewPoints;
       result.iterations = solver.iterations();
       return result;
     }
@@ -226,7 +226,7 @@ PoseResult PoseOptimizer::Workspace::optimize(const DepthCamera& camera,
   result.iterations = solver.iterations();
   Matrix6d H;
   if (!solver.information(&H)) {
-    result.status = SolveStatus::Degenerate;
+    result.status = SolveStatus::kDegenerate;
   } else if (options.compute_covariance) {
     result.covariance = Eigen::LLT<Matrix6d>(H).solve(Matrix6d::Identity());
   }

@@ -86,27 +86,27 @@ void PoseSolver::close_weights(double lambda) {
 double PoseSolver::weigh(const double* s, const double* phi, const Phase& phase) {
   const double curvature = phase.near ? 1.0 : 0.25;
   gradient_weights_ = a_.w;
-  if (options_.weights == WeightMode::Joint && phase.near) {
+  if (options_.weights == WeightMode::kJoint && phase.near) {
     gradient_weights_ = a_.gw;
     return kernels::weigh_joint(phase.lambda, 2.0, size_, s, a_.active, a_.phi0, phi, a_.w, a_.c,
                                 a_.gw);
   }
   using Kernel = kernels::Loss;
-  if (options_.weights != WeightMode::Fixed) {
-    return kernels::weigh(Kernel::GemanMcClure, phase.lambda, curvature, size_, s, a_.trust, a_.w,
+  if (options_.weights != WeightMode::kFixed) {
+    return kernels::weigh(Kernel::kGemanMcClure, phase.lambda, curvature, size_, s, a_.trust, a_.w,
                           a_.c);
   }
   const RobustLoss& loss = options_.loss;
   const double c2 = loss.scale * loss.scale;
-  switch (plain_ ? LossKind::None : loss.kind) {
-    case LossKind::None:
-      return kernels::weigh(Kernel::LeastSquares, c2, curvature, size_, s, a_.trust, a_.w, a_.c);
-    case LossKind::Huber:
-      return kernels::weigh(Kernel::Huber, c2, curvature, size_, s, a_.trust, a_.w, a_.c);
-    case LossKind::GemanMcClure:
-      return kernels::weigh(Kernel::GemanMcClure, c2, curvature, size_, s, a_.trust, a_.w, a_.c);
-    case LossKind::Cauchy:
-    case LossKind::Barron:
+  switch (plain_ ? LossKind::kNone : loss.kind) {
+    case LossKind::kNone:
+      return kernels::weigh(Kernel::kLeastSquares, c2, curvature, size_, s, a_.trust, a_.w, a_.c);
+    case LossKind::kHuber:
+      return kernels::weigh(Kernel::kHuber, c2, curvature, size_, s, a_.trust, a_.w, a_.c);
+    case LossKind::kGemanMcClure:
+      return kernels::weigh(Kernel::kGemanMcClure, c2, curvature, size_, s, a_.trust, a_.w, a_.c);
+    case LossKind::kCauchy:
+    case LossKind::kBarron:
       break;
   }
   return weigh_plainly(s, curvature);
@@ -180,7 +180,7 @@ bool PoseSolver::find_step(Phase* phase, double* cost, Vector6d* step) {
 // its target, Gauss-Newton curvature; the same for Joint and Eliminated, so that both come to the
 // same basin. Near the optimum: each mode's own Newton steps.
 SolveStatus PoseSolver::run(bool graduate, bool plain) {
-  const bool soft = graduate && options_.weights != WeightMode::Fixed;
+  const bool soft = graduate && options_.weights != WeightMode::kFixed;
   plain_ = plain;
   opened_ = false;
   Phase phase;
@@ -190,10 +190,10 @@ SolveStatus PoseSolver::run(bool graduate, bool plain) {
   for (int i = 0; i < options_.max_iterations; ++i) {
     ++iterations_;
     Vector6d step;
-    if (!find_step(&phase, &cost, &step)) return SolveStatus::Converged;  // nothing pulls at all
+    if (!find_step(&phase, &cost, &step)) return SolveStatus::kConverged;  // nothing pulls at all
     const RigidTransform trial = se3_exp(step) * pose_;
     kernels::residuals(view(trial), points_, a_.s_trial);
-    if (phase.near && options_.weights == WeightMode::Joint) {
+    if (phase.near && options_.weights == WeightMode::kJoint) {
       kernels::step_joint(view(pose_), points_, phase.lambda, 2.0, step.data(), a_.s, a_.phi0,
                           a_.phi, a_.phi_trial);
     }
@@ -203,7 +203,7 @@ SolveStatus PoseSolver::run(bool graduate, bool plain) {
     const bool leaps = phase.near && cost - trial_cost > kNearGain * cost;
     if (leaps || !(trial_cost <= cost + slack)) {
       if (size < options_.step_tolerance || phase.damping > kMaxDamping)
-        return SolveStatus::Converged;
+        return SolveStatus::kConverged;
       // A refused Newton step, or one that leaps, was taken too early; a refused step of the
       // approach was too long.
       if (!phase.near) phase.damping = std::max(16.0 * phase.damping, 1e-3);
@@ -219,7 +219,7 @@ SolveStatus PoseSolver::run(bool graduate, bool plain) {
     phase.damping = std::max(0.1 * phase.damping, kMinDamping);
     const bool on_target = phase.lambda <= options_.lambda;
     if (on_target && (size < options_.step_tolerance || gain < options_.cost_tolerance * cost))
-      return SolveStatus::Converged;
+      return SolveStatus::kConverged;
     if (!phase.near) {
       if (!on_target) phase.lambda = softened(phase.lambda / kStiffening);
       phase.near = on_target && gain < kNearGain * cost;
@@ -227,7 +227,7 @@ SolveStatus PoseSolver::run(bool graduate, bool plain) {
       if (phase.near || !on_target) cost = weigh(a_.s, a_.phi, phase) + prior_cost(pose_);
     }
   }
-  return SolveStatus::MaxIterations;
+  return SolveStatus::kMaxIterations;
 }
 
 PoseSolver::Phase PoseSolver::final_phase() const {

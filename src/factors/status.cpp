@@ -4,17 +4,17 @@ namespace dynslam::factors {
 
 const char* to_string(SolveStatus status) {
   switch (status) {
-    case SolveStatus::Converged:
+    case SolveStatus::kConverged:
       return "Converged";
-    case SolveStatus::MaxIterations:
+    case SolveStatus::kMaxIterations:
       return "MaxIterations";
-    case SolveStatus::TooFewPoints:
+    case SolveStatus::kTooFewPoints:
       return "TooFewPoints";
-    case SolveStatus::Degenerate:
+    case SolveStatus::kDegenerate:
       return "Degenerate";
-    case SolveStatus::NonFinite:
+    case SolveStatus::kNonFinite:
       return "NonFinite";
-    case SolveStatus::Aborted:
+    case SolveStatus::kAborted:
       return "Aborted";
   }
   return "unknown";

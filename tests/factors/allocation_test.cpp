@@ -29,7 +29,7 @@ TEST(PoseOptimizer, DoesNotAllocateWithinItsCapacity) {
   const PoseObservations<float> view = f.view();
   PosePrior prior;
   prior.information.setIdentity();
-  for (const WeightMode mode : {WeightMode::Fixed, WeightMode::Joint, WeightMode::Eliminated}) {
+  for (const WeightMode mode : {WeightMode::kFixed, WeightMode::kJoint, WeightMode::kEliminated}) {
     PoseOptimizerOptions options;
     options.weights = mode;
     options.rounds = 4;

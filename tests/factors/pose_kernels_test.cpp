@@ -107,9 +107,9 @@ TEST(PoseKernels, ResidualsEqualThePlainFactorsOnAllTargets) {
 TEST(PoseKernels, LossesEqualThePlainOnesOnAllTargets) {
   on_all_targets([] {
     const std::pair<kernels::Loss, RobustLoss> losses[] = {
-        {kernels::Loss::LeastSquares, {}},
-        {kernels::Loss::Huber, {LossKind::Huber, 1.5, 0.0}},
-        {kernels::Loss::GemanMcClure, {LossKind::GemanMcClure, 1.5, 0.0}}};
+        {kernels::Loss::kLeastSquares, {}},
+        {kernels::Loss::kHuber, {LossKind::kHuber, 1.5, 0.0}},
+        {kernels::Loss::kGemanMcClure, {LossKind::kGemanMcClure, 1.5, 0.0}}};
     for (const std::size_t n : kSizes) {
       Problem p(n);
       kernels::residuals(p.view, p.points, p.s);
@@ -135,7 +135,7 @@ TEST(PoseKernels, NormalEquationsEqualThePlainFactorsOnAllTargets) {
     for (const std::size_t n : kSizes) {
       Problem p(n);
       kernels::residuals(p.view, p.points, p.s);
-      kernels::weigh(kernels::Loss::GemanMcClure, 4.0, 1.0, n, p.s, p.trust, p.w, p.c);
+      kernels::weigh(kernels::Loss::kGemanMcClure, 4.0, 1.0, n, p.s, p.trust, p.w, p.c);
       kernels::Normal normal;
       kernels::normal_equations(p.view, p.points, p.w, p.c, p.w, &normal);
       Matrix6d H = Matrix6d::Zero();

@@ -17,7 +17,7 @@ namespace {
 using synthetic::Frame;
 using synthetic::make_frame;
 
-constexpr WeightMode kModes[] = {WeightMode::Fixed, WeightMode::Joint, WeightMode::Eliminated};
+constexpr WeightMode kModes[] = {WeightMode::kFixed, WeightMode::kJoint, WeightMode::kEliminated};
 const float kNan = std::nanf("");
 const float kInfinity = std::numeric_limits<float>::infinity();
 
@@ -48,7 +48,7 @@ TEST(PoseOptimizerStatus, IsTooFewPointsForFewOrNone) {
   for (const int n : {0, 1, 3}) {
     const Frame f = small_frame(n);
     for_each_mode(f, [&](const PoseResult& result, const PoseOptimizer&) {
-      EXPECT_EQ(result.status, SolveStatus::TooFewPoints);
+      EXPECT_EQ(result.status, SolveStatus::kTooFewPoints);
       EXPECT_EQ(result.T_cam_world.matrix(), f.start.matrix());
       EXPECT_EQ(result.observations, n);
       EXPECT_FALSE(result.covariance.has_value());
@@ -62,7 +62,7 @@ TEST(PoseOptimizerStatus, IsTooFewPointsWhenAllAreBehindTheCamera) {
   turn.R = Eigen::AngleAxisd(M_PI, Eigen::Vector3d::UnitY()).toRotationMatrix();
   f.start = turn * f.start;
   for_each_mode(f, [](const PoseResult& result, const PoseOptimizer& optimizer) {
-    EXPECT_EQ(result.status, SolveStatus::TooFewPoints);
+    EXPECT_EQ(result.status, SolveStatus::kTooFewPoints);
     EXPECT_EQ(result.observations, 0);
     for (const float s : optimizer.squared_residuals()) EXPECT_EQ(s, kInfinity);
   });
@@ -72,7 +72,7 @@ TEST(PoseOptimizerStatus, OfPointsHalfBehindIsDecidedByTheOthers) {
   Frame f = small_frame(100);
   for (std::size_t i = 0; i < 50; ++i) f.points[i] = f.truth.inverse() * Eigen::Vector3d(0, 0, -2);
   for_each_mode(f, [&](const PoseResult& result, const PoseOptimizer& optimizer) {
-    EXPECT_EQ(result.status, SolveStatus::Converged);
+    EXPECT_EQ(result.status, SolveStatus::kConverged);
     EXPECT_EQ(result.observations, 50);
     EXPECT_LT(synthetic::pose_error(result.T_cam_world, f.truth), 0.02);
     for (std::size_t i = 0; i < 50; ++i) EXPECT_EQ(optimizer.inliers()[i], 0);
@@ -94,7 +94,7 @@ TEST(PoseOptimizerStatus, NanMeansNotThere) {
   f.right[10] = -1.0F;      // mono, still used
   f.right[11] = kInfinity;  // mono, still used
   for_each_mode(f, [&](const PoseResult& result, const PoseOptimizer& optimizer) {
-    EXPECT_EQ(result.status, SolveStatus::Converged);
+    EXPECT_EQ(result.status, SolveStatus::kConverged);
     EXPECT_EQ(result.observations, 91);
     for (std::size_t i = 0; i < 9; ++i) {
       EXPECT_EQ(optimizer.inliers()[i], 0);
@@ -108,7 +108,7 @@ TEST(PoseOptimizerStatus, IsTooFewPointsWhenEverythingIsNan) {
   Frame f = small_frame(100);
   for (auto& p : f.pixels) p.setConstant(kNan);
   for_each_mode(f, [](const PoseResult& result, const PoseOptimizer&) {
-    EXPECT_EQ(result.status, SolveStatus::TooFewPoints);
+    EXPECT_EQ(result.status, SolveStatus::kTooFewPoints);
   });
 }
 
@@ -120,7 +120,7 @@ TEST(PoseOptimizerStatus, IsDegenerateForCoincidentPoints) {
     f.right[i] = f.right[0];
   }
   for_each_mode(f, [](const PoseResult& result, const PoseOptimizer&) {
-    EXPECT_EQ(result.status, SolveStatus::Degenerate);
+    EXPECT_EQ(result.status, SolveStatus::kDegenerate);
     EXPECT_FALSE(result.covariance.has_value());
   });
 }
@@ -136,7 +136,7 @@ TEST(PoseOptimizerStatus, IsDegenerateForPointsOnALine) {
     f.right[i] = static_cast<float>(p[2]);
   }
   for_each_mode(f, [](const PoseResult& result, const PoseOptimizer&) {
-    EXPECT_EQ(result.status, SolveStatus::Degenerate);
+    EXPECT_EQ(result.status, SolveStatus::kDegenerate);
   });
 }
 
@@ -146,7 +146,7 @@ TEST(PoseOptimizerStatus, OfAPureRotationIsGood) {
   o.start_rotation = 0.1;
   const Frame f = make_frame(o, 8);
   for_each_mode(f, [&](const PoseResult& result, const PoseOptimizer&) {
-    EXPECT_EQ(result.status, SolveStatus::Converged);
+    EXPECT_EQ(result.status, SolveStatus::kConverged);
     EXPECT_LT(synthetic::pose_error(result.T_cam_world, f.truth), 0.005);
   });
 }
@@ -156,7 +156,7 @@ TEST(PoseOptimizerStatus, IsNonFiniteForAPoseThatIs) {
   f.start.t.x() = std::nan("");
   PoseOptimizer optimizer;
   const PoseResult result = optimizer.optimize(f.camera, f.view(), f.start);
-  EXPECT_EQ(result.status, SolveStatus::NonFinite);
+  EXPECT_EQ(result.status, SolveStatus::kNonFinite);
   EXPECT_EQ(result.T_cam_world.t.y(), f.start.t.y());
 }
 
@@ -169,7 +169,7 @@ TEST(PoseOptimizerStatus, IsTooFewPointsWhenRoundsRejectEverything) {
     options.chi2_mono = options.chi2_depth = 1e-9;
     PoseOptimizer optimizer(options);
     const PoseResult result = optimizer.optimize(f.camera, f.view(), f.start);
-    EXPECT_EQ(result.status, SolveStatus::TooFewPoints);
+    EXPECT_EQ(result.status, SolveStatus::kTooFewPoints);
     EXPECT_LT(se3_log(result.T_cam_world * f.start.inverse()).norm(), 1e-12);
     EXPECT_EQ(result.observations, 40);
     EXPECT_EQ(result.inliers, 0);
@@ -182,15 +182,15 @@ TEST(PoseOptimizerStatus, IsMaxIterationsWhenTimeIsUp) {
   options.max_iterations = 1;
   PoseOptimizer optimizer(options);
   const PoseResult result = optimizer.optimize(f.camera, f.view(), f.start);
-  EXPECT_EQ(result.status, SolveStatus::MaxIterations);
+  EXPECT_EQ(result.status, SolveStatus::kMaxIterations);
   EXPECT_EQ(result.iterations, 1);
 }
 
 TEST(SolveStatus, HasNames) {
-  EXPECT_STREQ(to_string(SolveStatus::Converged), "Converged");
-  EXPECT_STREQ(to_string(SolveStatus::Degenerate), "Degenerate");
-  EXPECT_TRUE(usable(SolveStatus::MaxIterations));
-  EXPECT_FALSE(usable(SolveStatus::TooFewPoints));
+  EXPECT_STREQ(to_string(SolveStatus::kConverged), "Converged");
+  EXPECT_STREQ(to_string(SolveStatus::kDegenerate), "Degenerate");
+  EXPECT_TRUE(usable(SolveStatus::kMaxIterations));
+  EXPECT_FALSE(usable(SolveStatus::kTooFewPoints));
 }
 
 // --- contracts -------------------------------------------------------------------------------

@@ -20,7 +20,7 @@ using synthetic::FrameOptions;
 using synthetic::make_frame;
 using synthetic::pose_error;
 
-constexpr WeightMode kModes[] = {WeightMode::Fixed, WeightMode::Joint, WeightMode::Eliminated};
+constexpr WeightMode kModes[] = {WeightMode::kFixed, WeightMode::kJoint, WeightMode::kEliminated};
 
 PoseOptimizerOptions precise(WeightMode mode) {
   PoseOptimizerOptions options;
@@ -61,12 +61,12 @@ TEST(PoseOptimizer, JointAndEliminatedReachTheSameOptimum) {
     std::mt19937 rng(seed);
     std::uniform_real_distribution<float> uniform(0.3F, 1.0F);
     for (float& weight : f.weights) weight = uniform(rng);
-    PoseOptimizer joint(precise(WeightMode::Joint));
-    PoseOptimizer eliminated(precise(WeightMode::Eliminated));
+    PoseOptimizer joint(precise(WeightMode::kJoint));
+    PoseOptimizer eliminated(precise(WeightMode::kEliminated));
     const PoseResult a = joint.optimize(f.camera, f.view(), f.start);
     const PoseResult b = eliminated.optimize(f.camera, f.view(), f.start);
-    EXPECT_EQ(a.status, SolveStatus::Converged);
-    EXPECT_EQ(b.status, SolveStatus::Converged);
+    EXPECT_EQ(a.status, SolveStatus::kConverged);
+    EXPECT_EQ(b.status, SolveStatus::kConverged);
     EXPECT_NEAR(a.final_cost, b.final_cost, 1e-9 * b.final_cost) << "seed " << seed;
     EXPECT_LT(se3_log(a.T_cam_world * b.T_cam_world.inverse()).norm(), 1e-8) << "seed " << seed;
     EXPECT_EQ(a.inliers, b.inliers);
@@ -80,7 +80,7 @@ TEST(PoseOptimizer, EliminatedHalvesHubersErrorAmongMovers) {
   std::vector<double> eliminated_errors, huber_errors;
   PoseOptimizer eliminated;
   PoseOptimizerOptions options;
-  options.weights = WeightMode::Fixed;
+  options.weights = WeightMode::kFixed;
   PoseOptimizer huber(options);
   for (unsigned seed = 0; seed < 100; ++seed) {
     FrameOptions o;
@@ -128,11 +128,11 @@ TEST(PoseOptimizer, RoundsWithRejectionEndNearLeastSquaresOverTheInliers) {
   FrameOptions o;
   o.outliers = 0.3;
   PoseOptimizerOptions options;
-  options.weights = WeightMode::Fixed;
+  options.weights = WeightMode::kFixed;
   options.rounds = 4;
   options.loss_in_last_round = false;
   PoseOptimizer optimizer(options);
-  PoseOptimizer clean_optimizer(precise(WeightMode::Fixed));
+  PoseOptimizer clean_optimizer(precise(WeightMode::kFixed));
   double with = 0.0, clean = 0.0;
   for (unsigned seed = 0; seed < 20; ++seed) {
     const Frame f = make_frame(o, seed);
@@ -149,7 +149,7 @@ TEST(PoseOptimizer, CovarianceIsThatOfManyNoisyRuns) {
   FrameOptions o;
   o.points = 100;
   o.start_distance = o.start_rotation = 0.0;
-  PoseOptimizerOptions options = precise(WeightMode::Fixed);
+  PoseOptimizerOptions options = precise(WeightMode::kFixed);
   options.loss = {};
   PoseOptimizer optimizer(options);
   // The same geometry each time, fresh noise.
@@ -182,7 +182,7 @@ TEST(PoseOptimizer, PriorHoldsWhatTheDataDoNot) {
   PosePrior prior;
   prior.mean = f.truth;
   prior.information = 1e12 * Matrix6d::Identity();
-  PoseOptimizer optimizer(precise(WeightMode::Fixed));
+  PoseOptimizer optimizer(precise(WeightMode::kFixed));
   const PoseResult result = optimizer.optimize(f.camera, f.view(), f.start, &prior);
   EXPECT_TRUE(result);
   EXPECT_LT(se3_log(result.T_cam_world * f.truth.inverse()).norm(), 1e-4);
@@ -199,10 +199,10 @@ TEST(PoseOptimizer, OptimumWithPriorHasZeroGradient) {
   PosePrior prior;
   prior.mean = f.start;
   prior.information = Vector6d(1e4, 2e4, 3e4, 4e4, 5e4, 6e4).asDiagonal();
-  PoseOptimizer optimizer(precise(WeightMode::Eliminated));
+  PoseOptimizer optimizer(precise(WeightMode::kEliminated));
   const PoseResult best = optimizer.optimize(f.camera, f.view(), f.start, &prior);
   ASSERT_TRUE(best);
-  PoseOptimizerOptions one = precise(WeightMode::Eliminated);
+  PoseOptimizerOptions one = precise(WeightMode::kEliminated);
   one.max_iterations = 1;
   PoseOptimizer prober(one);
   for (int k = 0; k < 12; ++k) {
@@ -245,7 +245,7 @@ TEST(PoseOptimizer, GivesTheSameAnswerTwiceAndWhateverCameBetween) {
 
 TEST(PoseOptimizer, AgreesAcrossInstructionSets) {
   const Frame f = make_frame({}, 6);
-  PoseOptimizer optimizer(precise(WeightMode::Joint));
+  PoseOptimizer optimizer(precise(WeightMode::kJoint));
   const PoseResult best = optimizer.optimize(f.camera, f.view(), f.start);
   for (const std::int64_t target : hwy::SupportedAndGeneratedTargets()) {
     hwy::SetSupportedTargetsForTest(target);
@@ -262,15 +262,15 @@ TEST(PoseOptimizer, ConvergesFromFarForEveryLoss) {
   o.start_distance = 0.3;
   o.start_rotation = 0.1;
   for (const RobustLoss loss :
-       {RobustLoss{LossKind::Huber, 2.447, 0.0}, RobustLoss{LossKind::Cauchy, 2.0, 0.0},
-        RobustLoss{LossKind::Barron, 2.0, 0.5}}) {
-    PoseOptimizerOptions options = precise(WeightMode::Fixed);
+       {RobustLoss{LossKind::kHuber, 2.447, 0.0}, RobustLoss{LossKind::kCauchy, 2.0, 0.0},
+        RobustLoss{LossKind::kBarron, 2.0, 0.5}}) {
+    PoseOptimizerOptions options = precise(WeightMode::kFixed);
     options.loss = loss;
     PoseOptimizer optimizer(options);
     for (unsigned seed = 0; seed < 10; ++seed) {
       const Frame f = make_frame(o, 50 + seed);
       const PoseResult result = optimizer.optimize(f.camera, f.view(), f.start);
-      EXPECT_EQ(result.status, SolveStatus::Converged);
+      EXPECT_EQ(result.status, SolveStatus::kConverged);
       EXPECT_LT(pose_error(result.T_cam_world, f.truth), 0.01);
     }
   }

@@ -86,7 +86,7 @@ TEST(OptimalWeight, OfAnInfiniteResidualIsZero) {
 }
 
 TEST(EliminatedCost, IsAGemanMcClureLossWeightedByThePrior) {
-  const RobustLoss loss{LossKind::GemanMcClure, 3.0, 0.0};
+  const RobustLoss loss{LossKind::kGemanMcClure, 3.0, 0.0};
   for (const double s : {0.0, 1.0, 20.0})
     EXPECT_NEAR(eliminated_cost(0.5, s, 9.0), 0.5 * 0.25 * loss(s).rho, 1e-14);
 }
@@ -130,31 +130,31 @@ TEST_P(LossTest, IsTheSquareNearZero) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Kinds, LossTest,
-                         testing::Values(RobustLoss{}, RobustLoss{LossKind::Huber, 2.447, 0.0},
-                                         RobustLoss{LossKind::Cauchy, 2.0, 0.0},
-                                         RobustLoss{LossKind::GemanMcClure, 3.0, 0.0},
-                                         RobustLoss{LossKind::Barron, 2.0, 2.0},
-                                         RobustLoss{LossKind::Barron, 2.0, 1.0},
-                                         RobustLoss{LossKind::Barron, 2.0, 0.0},
-                                         RobustLoss{LossKind::Barron, 2.0, -2.0},
-                                         RobustLoss{LossKind::Barron, 2.0, -10.0}));
+                         testing::Values(RobustLoss{}, RobustLoss{LossKind::kHuber, 2.447, 0.0},
+                                         RobustLoss{LossKind::kCauchy, 2.0, 0.0},
+                                         RobustLoss{LossKind::kGemanMcClure, 3.0, 0.0},
+                                         RobustLoss{LossKind::kBarron, 2.0, 2.0},
+                                         RobustLoss{LossKind::kBarron, 2.0, 1.0},
+                                         RobustLoss{LossKind::kBarron, 2.0, 0.0},
+                                         RobustLoss{LossKind::kBarron, 2.0, -2.0},
+                                         RobustLoss{LossKind::kBarron, 2.0, -10.0}));
 
 TEST(RobustLoss, OfBarronContainsTheOthers) {
   for (const double s : {0.1, 4.0, 50.0}) {
-    EXPECT_NEAR((RobustLoss{LossKind::Barron, 2.0, 0.0}(s).rho),
-                (RobustLoss{LossKind::Cauchy, 2.0 * std::sqrt(2.0), 0.0}(s).rho), 1e-12);
-    EXPECT_NEAR((RobustLoss{LossKind::Barron, 2.0, -2.0}(s).rho),
-                (RobustLoss{LossKind::GemanMcClure, 4.0, 0.0}(s).rho), 1e-12);
-    EXPECT_NEAR((RobustLoss{LossKind::Barron, 2.0, 1e-7}(s).rho),
-                (RobustLoss{LossKind::Barron, 2.0, 0.0}(s).rho), 1e-5);
+    EXPECT_NEAR((RobustLoss{LossKind::kBarron, 2.0, 0.0}(s).rho),
+                (RobustLoss{LossKind::kCauchy, 2.0 * std::sqrt(2.0), 0.0}(s).rho), 1e-12);
+    EXPECT_NEAR((RobustLoss{LossKind::kBarron, 2.0, -2.0}(s).rho),
+                (RobustLoss{LossKind::kGemanMcClure, 4.0, 0.0}(s).rho), 1e-12);
+    EXPECT_NEAR((RobustLoss{LossKind::kBarron, 2.0, 1e-7}(s).rho),
+                (RobustLoss{LossKind::kBarron, 2.0, 0.0}(s).rho), 1e-5);
   }
 }
 
 TEST(RobustLoss, RefusesScalesAndShapesOutsideItsRules) {
-  EXPECT_THROW((RobustLoss{LossKind::Huber, 0.0, 0.0}.validate()), InvalidArgument);
-  EXPECT_THROW((RobustLoss{LossKind::Huber, kNan, 0.0}.validate()), InvalidArgument);
-  EXPECT_THROW((RobustLoss{LossKind::Barron, 1.0, 2.5}.validate()), InvalidArgument);
-  EXPECT_NO_THROW((RobustLoss{LossKind::Huber, 1.0, 2.5}.validate()));
+  EXPECT_THROW((RobustLoss{LossKind::kHuber, 0.0, 0.0}.validate()), InvalidArgument);
+  EXPECT_THROW((RobustLoss{LossKind::kHuber, kNan, 0.0}.validate()), InvalidArgument);
+  EXPECT_THROW((RobustLoss{LossKind::kBarron, 1.0, 2.5}.validate()), InvalidArgument);
+  EXPECT_NO_THROW((RobustLoss{LossKind::kHuber, 1.0, 2.5}.validate()));
 }
 
 }  // namespace

@@ -44,19 +44,19 @@ struct BundleProblem {
 
 /// Which solver runs.
 enum class BundleSolver {
-  Schur,  ///< dynslam's own: points eliminated, reduced camera system by Cholesky
-  Ceres,  ///< Ceres SPARSE_SCHUR over the same factors; needs a build with Ceres
+  kSchur,  ///< dynslam's own: points eliminated, reduced camera system by Cholesky
+  kCeres,  ///< Ceres SPARSE_SCHUR over the same factors; needs a build with Ceres
 };
 
 /// Options of optimize_bundle.
 struct BundleOptions {
-  BundleSolver solver = BundleSolver::Schur;
-  WeightMode weights = WeightMode::Fixed;           ///< Joint/Eliminated: one phi per observation
-  double lambda = 9.0;                              ///< see PoseOptimizerOptions::lambda, > 0
-  RobustLoss loss = {LossKind::Huber, 2.447, 1.0};  ///< of `Fixed`: cost 1/2 phi0^2 rho(s)
-  int max_iterations = 10;                          ///< >= 1
-  double chi2_mono = 5.991;                         ///< inlier bound on s, 2 rows, > 0
-  double chi2_depth = 7.815;                        ///< inlier bound on s, 3 rows, > 0
+  BundleSolver solver = BundleSolver::kSchur;
+  WeightMode weights = WeightMode::kFixed;           ///< Joint/Eliminated: one phi per observation
+  double lambda = 9.0;                               ///< see PoseOptimizerOptions::lambda, > 0
+  RobustLoss loss = {LossKind::kHuber, 2.447, 1.0};  ///< of `kFixed`: cost 1/2 phi0^2 rho(s)
+  int max_iterations = 10;                           ///< >= 1
+  double chi2_mono = 5.991;                          ///< inlier bound on s, 2 rows, > 0
+  double chi2_depth = 7.815;                         ///< inlier bound on s, 3 rows, > 0
   double cost_tolerance = 1e-6;              ///< stop on relative decrease below, >= 0 (0: never)
   double initial_damping = 1e-5;             ///< relative to the diagonal, > 0
   const std::atomic<bool>* abort = nullptr;  ///< polled between iterations; may be raised from
@@ -68,7 +68,7 @@ struct BundleOptions {
 
 /// What happened.
 struct BundleSummary {
-  SolveStatus status = SolveStatus::TooFewPoints;
+  SolveStatus status = SolveStatus::kTooFewPoints;
   double initial_cost = 0.0;
   double final_cost = 0.0;
   int iterations = 0;
@@ -93,7 +93,7 @@ class BundleWorkspace {
   std::unique_ptr<Impl> impl_;
 };
 
-/// Whether BundleSolver::Ceres and the pose graph were compiled in.
+/// Whether BundleSolver::kCeres and the pose graph were compiled in.
 bool has_ceres();
 
 /// Minimizes over free keyframes and points (and weights, by mode)

@@ -285,7 +285,7 @@ class RobustLossFunction final : public ceres::LossFunction {
 class EliminatedWeightLoss final : public ceres::LossFunction {
  public:
   EliminatedWeightLoss(double phi0, double lambda)
-      : loss_({LossKind::GemanMcClure, std::sqrt(lambda), 0.0}, phi0 * phi0) {}
+      : loss_({LossKind::kGemanMcClure, std::sqrt(lambda), 0.0}, phi0 * phi0) {}
   void Evaluate(double s, double rho[3]) const override { loss_.Evaluate(s, rho); }
 
  private:

@@ -39,7 +39,7 @@ struct PoseGraphOptions {
 
 /// What happened.
 struct PoseGraphSummary {
-  SolveStatus status = SolveStatus::TooFewPoints;
+  SolveStatus status = SolveStatus::kTooFewPoints;
   double initial_cost = 0.0;
   double final_cost = 0.0;
   int iterations = 0;

@@ -16,20 +16,20 @@ namespace dynslam::factors {
 
 /// How static weights take part in an optimization (theory: P-Static section 4).
 enum class WeightMode {
-  Fixed,       ///< phi = phi0, cost 1/2 rho(phi0^2 s)... see PoseOptimizerOptions::loss
-  Joint,       ///< phi are parameters beside the pose, as in the paper
-  Eliminated,  ///< phi replaced by their closed form: same optimum, price of the pose alone
+  kFixed,       ///< phi = phi0, cost 1/2 rho(phi0^2 s)... see PoseOptimizerOptions::loss
+  kJoint,       ///< phi are parameters beside the pose, as in the paper
+  kEliminated,  ///< phi replaced by their closed form: same optimum, price of the pose alone
 };
 
 /// Why an optimization stopped.
 enum class SolveStatus {
-  Converged,      ///< step, gradient or cost change fell below its tolerance
-  MaxIterations,  ///< usable, but still moving
-  TooFewPoints,   ///< fewer usable observations than `min_observations`; pose is the initial one
-  Degenerate,     ///< data leave a direction of the pose undetermined (points on a line, coincident
-                  ///< points); the pose is finite, minimizes the cost, and is not to be trusted
-  NonFinite,      ///< the initial pose is not finite; returned unchanged (also: no finite cost)
-  Aborted,        ///< the abort flag was raised; the best state so far is returned
+  kConverged,      ///< step, gradient or cost change fell below its tolerance
+  kMaxIterations,  ///< usable, but still moving
+  kTooFewPoints,   ///< fewer usable observations than `min_observations`; pose is the initial one
+  kDegenerate,  ///< data leave a direction of the pose undetermined (points on a line, coincident
+                ///< points); the pose is finite, minimizes the cost, and is not to be trusted
+  kNonFinite,   ///< the initial pose is not finite; returned unchanged (also: no finite cost)
+  kAborted,     ///< the abort flag was raised; the best state so far is returned
 };
 
 /// Name of a status, "Converged" etc.
@@ -37,17 +37,17 @@ const char* to_string(SolveStatus status);
 
 /// Whether the result may be used as a pose: Converged or MaxIterations.
 constexpr bool usable(SolveStatus status) {
-  return status == SolveStatus::Converged || status == SolveStatus::MaxIterations;
+  return status == SolveStatus::kConverged || status == SolveStatus::kMaxIterations;
 }
 
 /// Options of PoseOptimizer.
 struct PoseOptimizerOptions {
-  WeightMode weights = WeightMode::Eliminated;  ///< which of the three solvers
+  WeightMode weights = WeightMode::kEliminated;  ///< which of the three solvers
   double lambda = 9.0;  ///< stiffness of the weight prior, squared standard deviations, > 0: at
                         ///< s = lambda the optimal weight is half of phi0; engineering. Joint and
                         ///< Eliminated only
-  RobustLoss loss = {LossKind::Huber, 2.447,
-                     1.0};  ///< loss of `Fixed`: cost
+  RobustLoss loss = {LossKind::kHuber, 2.447,
+                     1.0};  ///< loss of `kFixed`: cost
                             ///< 1/2 phi0^2 rho(s); Joint and Eliminated are robust by themselves
   int rounds = 1;  ///< rounds of optimization, >= 1; after each, every observation is tested
                    ///< against chi2 and outliers sit out the next round (ORB-SLAM's habit: 4)
@@ -95,7 +95,7 @@ struct PosePrior {
 /// Result of PoseOptimizer::optimize. The pose is finite whenever the initial one was.
 struct PoseResult {
   RigidTransform T_cam_world;
-  SolveStatus status = SolveStatus::TooFewPoints;
+  SolveStatus status = SolveStatus::kTooFewPoints;
   std::optional<Matrix6d> covariance;  ///< of the left perturbation [rho; omega]: inverse of the
                                        ///< Gauss-Newton information (sum of phi^2 rho' J' S^-1 J
                                        ///< and prior); absent when not asked for or not usable

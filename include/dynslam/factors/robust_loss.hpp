@@ -10,11 +10,11 @@ namespace dynslam::factors {
 
 /// Shape of a robust loss. All are scaled so that rho(s) ~ s near zero.
 enum class LossKind {
-  None,          ///< rho = s: plain least squares
-  Huber,         ///< s inside, 2 c sqrt(s) - c^2 outside
-  Cauchy,        ///< c^2 log(1 + s / c^2)
-  GemanMcClure,  ///< c^2 s / (c^2 + s): the static weight, eliminated, with lambda = c^2
-  Barron,        ///< Barron's general loss (CVPR 2019), shape `alpha`
+  kNone,          ///< rho = s: plain least squares
+  kHuber,         ///< s inside, 2 c sqrt(s) - c^2 outside
+  kCauchy,        ///< c^2 log(1 + s / c^2)
+  kGemanMcClure,  ///< c^2 s / (c^2 + s): the static weight, eliminated, with lambda = c^2
+  kBarron,        ///< Barron's general loss (CVPR 2019), shape `alpha`
 };
 
 /// Value and derivatives of a loss with respect to s.
@@ -31,7 +31,7 @@ struct LossValue {
 /// Function", CVPR 2019, eq. 8 (there rho = 2 f(sqrt(s), alpha, c) c^2 here, so that every kind is
 /// s near 0).
 struct RobustLoss {
-  LossKind kind = LossKind::None;
+  LossKind kind = LossKind::kNone;
   double scale = 1.0;  ///< c, in standard deviations, > 0; Huber's habit: sqrt(5.991) = 2.447 mono,
                        ///< sqrt(7.815) = 2.796 with depth
   double alpha = 1.0;  ///< Barron only, in [-100, 2]: 2 is least squares, 1 pseudo-Huber, 0 Cauchy,
@@ -41,7 +41,7 @@ struct RobustLoss {
   void validate() const {
     require(std::isfinite(scale) && scale > 0.0, "RobustLoss", "scale", scale,
             "a positive number of standard deviations");
-    require(kind != LossKind::Barron || (alpha >= -100.0 && alpha <= 2.0), "RobustLoss", "alpha",
+    require(kind != LossKind::kBarron || (alpha >= -100.0 && alpha <= 2.0), "RobustLoss", "alpha",
             alpha, "a number in [-100, 2]");
   }
 
@@ -52,24 +52,24 @@ struct RobustLoss {
 inline LossValue RobustLoss::operator()(double s) const {
   const double c2 = scale * scale;
   switch (kind) {
-    case LossKind::None:
+    case LossKind::kNone:
       break;
-    case LossKind::Huber: {
+    case LossKind::kHuber: {
       if (s > c2) {
         const double root = std::sqrt(s);
         return {2.0 * scale * root - c2, scale / root, -0.5 * scale / (root * s)};
       }
       break;
     }
-    case LossKind::Cauchy: {
+    case LossKind::kCauchy: {
       const double inv = c2 / (c2 + s);
       return {c2 * std::log1p(s / c2), inv, -inv * inv / c2};
     }
-    case LossKind::GemanMcClure: {
+    case LossKind::kGemanMcClure: {
       const double inv = c2 / (c2 + s);
       return {s * inv, inv * inv, -2.0 * inv * inv * inv / c2};
     }
-    case LossKind::Barron: {
+    case LossKind::kBarron: {
       const double x = s / c2;
       if (alpha == 2.0) break;
       if (alpha == 0.0) {  // limit: Cauchy of scale sqrt(2) c
