@@ -18,7 +18,7 @@ constexpr int kArrays = 18;
 // Graduation: the weight prior starts soft enough for a residual of this many times the mean to
 // keep half of its weight, and stiffens at least by the factor below each step.
 constexpr double kSoftness = 1.5;
-constexpr double kStiffening = 4.0;
+constexpr double kStiffening = 8.0;
 // Relative to a unit diagonal; below, a direction of the pose is not determined by the data.
 constexpr double kDegeneratePivot = 1e-10;
 // A step this small whose predicted gain drowns in rounding is taken without asking the cost.
@@ -84,7 +84,7 @@ void PoseSolver::close_weights(double lambda) {
 }
 
 double PoseSolver::weigh(const double* s, const double* phi, const Phase& phase) {
-  const double curvature = phase.near ? 1.0 : 0.25;
+  const double curvature = phase.near ? 1.0 : 0.0;
   gradient_weights_ = a_.w;
   if (options_.weights == WeightMode::kJoint && phase.near) {
     gradient_weights_ = a_.gw;

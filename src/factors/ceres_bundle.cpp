@@ -1,0 +1,275 @@
+// Bundle adjustment by Ceres over the factors of factors/ceres.hpp.
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <memory>
+#include <vector>
+
+#include <ceres/iteration_callback.h>
+#include <ceres/ordered_groups.h>
+#include <ceres/solver.h>
+
+#include "dynslam/factors/bundle_adjustment.hpp"
+#include "dynslam/factors/ceres.hpp"
+#include "dynslam/factors/static_weight.hpp"
+
+#include "factors/ceres_routes.hpp"
+
+namespace dynslam::factors {
+namespace {
+
+constexpr float kLargest = 1e9F;
+
+bool in_reach(float value) { return std::abs(value) < kLargest; }
+
+bool has_depth(const BundleObservation& o) {
+  return o.right_column >= 0.0F && in_reach(o.right_column);
+}
+
+class AbortCallback final : public ceres::IterationCallback {
+ public:
+  explicit AbortCallback(const std::atomic<bool>* flag) : flag_(flag) {}
+  ceres::CallbackReturnType operator()(const ceres::IterationSummary&) override {
+    return flag_ && flag_->load(std::memory_order_relaxed) ? ceres::SOLVER_TERMINATE_SUCCESSFULLY
+                                                           : ceres::SOLVER_CONTINUE;
+  }
+
+ private:
+  const std::atomic<bool>* flag_;
+};
+
+class Route {
+ public:
+  Route(const BundleProblem& problem, const BundleOptions& options)
+      : in_(problem),
+        options_(options),
+        poses_(problem.T_cam_world.begin(), problem.T_cam_world.end()),
+        points_(problem.points_world.begin(), problem.points_world.end()) {}
+
+  BundleSummary run();
+
+ private:
+  bool held(Span<const std::uint8_t> flags, std::size_t i) const {
+    return !flags.empty() && flags[i] != 0;
+  }
+  void select();
+  template <int Rows>
+  void add(std::size_t i, ceres::Problem* problem);
+  void build(ceres::Problem* problem);
+  bool project(const BundleObservation& o, double* s) const;
+  double cost() const;
+  void write_back(BundleSummary* summary);
+
+  const BundleProblem& in_;
+  const BundleOptions& options_;
+  std::vector<RigidTransform> poses_;
+  std::vector<Eigen::Vector3d> points_;
+  std::vector<std::size_t> chosen_;
+  std::vector<double> phi_;  // by observation
+  bool anything_free_ = false;
+};
+
+// The same rule as the Schur solver's: finite and trusted; three rows for a point that is free.
+void Route::select() {
+  std::vector<int> rows(points_.size(), 0);
+  const auto usable = [&](const BundleObservation& o) {
+    const Eigen::Vector3d& X = points_[o.point];
+    return o.weight > 0.0F && o.inverse_sigma > 0.0F && o.inverse_sigma < 1e6F && in_reach(o.u) &&
+           in_reach(o.v) && X.allFinite() && X.cwiseAbs().maxCoeff() < kLargest;
+  };
+  for (const BundleObservation& o : in_.observations)
+    if (usable(o)) rows[o.point] += has_depth(o) ? 3 : 2;
+  phi_.assign(in_.observations.size(), 0.0);
+  for (std::size_t i = 0; i < in_.observations.size(); ++i) {
+    const BundleObservation& o = in_.observations[i];
+    const bool point_held = held(in_.point_fixed, o.point);
+    if (!usable(o) || (rows[o.point] < 3 && !point_held)) continue;
+    chosen_.push_back(i);
+    double s = 0.0;
+    if (!project(o, &s)) s = 1e6;
+    phi_[i] = optimal_weight(o.weight, s, options_.lambda);
+    anything_free_ = anything_free_ || !point_held || !held(in_.keyframe_fixed, o.keyframe);
+  }
+}
+
+bool Route::project(const BundleObservation& o, double* s) const {
+  const Eigen::Vector3d X = poses_[o.keyframe] * points_[o.point];
+  if (!PinholeCamera::in_domain(X)) return false;
+  const Eigen::Vector3d p = in_.camera.project3(X);
+  const double info = double{o.inverse_sigma} * o.inverse_sigma;
+  const double ru = o.u - p[0], rv = o.v - p[1], rr = has_depth(o) ? o.right_column - p[2] : 0.0;
+  *s = info * (ru * ru + rv * rv + rr * rr);
+  return *s < 1e30;
+}
+
+double Route::cost() const {
+  double sum = 0.0;
+  for (const std::size_t i : chosen_) {
+    const BundleObservation& o = in_.observations[i];
+    double s = 0.0;
+    if (!project(o, &s)) s = 1e6;
+    if (options_.weights == WeightMode::kFixed) {
+      sum += 0.5 * o.weight * o.weight * options_.loss(s).rho;
+    } else if (options_.weights == WeightMode::kJoint) {
+      sum += weighted_cost(phi_[i], o.weight, s, options_.lambda);
+    } else {
+      sum += eliminated_cost(o.weight, s, options_.lambda);
+    }
+  }
+  return sum;
+}
+
+template <int Rows>
+void Route::add(std::size_t i, ceres::Problem* problem) {
+  const BundleObservation& o = in_.observations[i];
+  Eigen::Matrix<double, Rows, 1> measured;
+  measured[0] = o.u;
+  measured[1] = o.v;
+  if constexpr (Rows == 3) measured[2] = o.right_column;
+  const Eigen::Matrix<double, Rows, Rows> L =
+      Eigen::Matrix<double, Rows, Rows>::Identity() * double{o.inverse_sigma};
+  double* pose = parameter_block(poses_[o.keyframe]);
+  double* point = parameter_block(points_[o.point]);
+  if (options_.weights == WeightMode::kJoint) {
+    problem->AddResidualBlock(new WeightedReprojectionCost<Rows>(in_.camera, measured, L), nullptr,
+                              pose, point, &phi_[i]);
+    problem->AddResidualBlock(new WeightPriorCost(o.weight, options_.lambda), nullptr, &phi_[i]);
+    add_weight_block(*problem, phi_[i]);
+    return;
+  }
+  const double trust = double{o.weight} * o.weight;
+  ceres::LossFunction* loss = nullptr;
+  if (options_.weights == WeightMode::kEliminated) {
+    loss = new EliminatedWeightLoss(o.weight, options_.lambda);
+  } else if (options_.loss.kind != LossKind::kNone || trust != 1.0) {
+    loss = new RobustLossFunction(options_.loss, trust);
+  }
+  problem->AddResidualBlock(new ReprojectionCost<Rows>(in_.camera, measured, L), loss, pose, point);
+}
+
+void Route::build(ceres::Problem* problem) {
+  for (const std::size_t i : chosen_) {
+    const BundleObservation& o = in_.observations[i];
+    const bool new_pose = !problem->HasParameterBlock(parameter_block(poses_[o.keyframe]));
+    if (new_pose) {
+      add_pose_block(*problem, poses_[o.keyframe]);
+      if (held(in_.keyframe_fixed, o.keyframe))
+        problem->SetParameterBlockConstant(parameter_block(poses_[o.keyframe]));
+    }
+    if (has_depth(o)) {
+      add<3>(i, problem);
+    } else {
+      add<2>(i, problem);
+    }
+    if (held(in_.point_fixed, o.point))
+      problem->SetParameterBlockConstant(parameter_block(points_[o.point]));
+  }
+}
+
+const char* name_of(const ceres::Solver::Summary& summary) {
+  if (summary.linear_solver_type_used == ceres::DENSE_SCHUR) return "Ceres DENSE_SCHUR";
+  if (summary.linear_solver_type_used != ceres::SPARSE_SCHUR) return "Ceres DENSE_QR";
+  switch (summary.sparse_linear_algebra_library_type) {
+    case ceres::SUITE_SPARSE:
+      return "Ceres SPARSE_SCHUR (SUITE_SPARSE)";
+    case ceres::EIGEN_SPARSE:
+      return "Ceres SPARSE_SCHUR (EIGEN_SPARSE)";
+    default:
+      return "Ceres SPARSE_SCHUR (other)";
+  }
+}
+
+BundleSummary Route::run() {
+  BundleSummary summary;
+  select();
+  for (const std::size_t i : chosen_) {
+    double s = 0.0;
+    summary.observations += project(in_.observations[i], &s);
+  }
+  if (summary.observations == 0 || !anything_free_) {
+    write_back(&summary);
+    return summary;
+  }
+  summary.initial_cost = cost();
+  ceres::Problem problem;
+  build(&problem);
+  AbortCallback callback(options_.abort);
+  ceres::Solver::Options solver;
+  solver.linear_solver_type = ceres::SPARSE_SCHUR;
+  solver.sparse_linear_algebra_library_type = ceres::EIGEN_SPARSE;
+  if (ceres::IsSparseLinearAlgebraLibraryTypeAvailable(ceres::SUITE_SPARSE))
+    solver.sparse_linear_algebra_library_type = ceres::SUITE_SPARSE;
+  solver.linear_solver_ordering = std::make_shared<ceres::ParameterBlockOrdering>();
+  for (const std::size_t i : chosen_) {
+    const BundleObservation& o = in_.observations[i];
+    solver.linear_solver_ordering->AddElementToGroup(parameter_block(points_[o.point]), 0);
+    solver.linear_solver_ordering->AddElementToGroup(parameter_block(poses_[o.keyframe]), 1);
+    if (options_.weights == WeightMode::kJoint)
+      solver.linear_solver_ordering->AddElementToGroup(&phi_[i], 1);
+  }
+  solver.max_num_iterations = options_.max_iterations;
+  solver.function_tolerance = options_.cost_tolerance;
+  solver.gradient_tolerance = 0.0;
+  solver.parameter_tolerance = 0.0;
+  solver.logging_type = ceres::SILENT;
+  solver.num_threads = 1;
+  solver.callbacks.push_back(&callback);
+  ceres::Solver::Summary result;
+  ceres::Solve(solver, &problem, &result);
+  summary.linear_solver = name_of(result);
+  summary.iterations = static_cast<int>(result.iterations.size()) - 1;
+  switch (result.termination_type) {
+    case ceres::CONVERGENCE:
+      summary.status = SolveStatus::kConverged;
+      break;
+    case ceres::USER_SUCCESS:
+      summary.status = SolveStatus::kAborted;
+      break;
+    case ceres::NO_CONVERGENCE:
+      summary.status = SolveStatus::kMaxIterations;
+      break;
+    default:
+      summary.status = SolveStatus::kDegenerate;
+      break;
+  }
+  summary.final_cost = cost();
+  write_back(&summary);
+  return summary;
+}
+
+void Route::write_back(BundleSummary* summary) {
+  std::fill(in_.inliers.begin(), in_.inliers.end(), std::uint8_t{0});
+  std::fill(in_.weights.begin(), in_.weights.end(), 0.0F);
+  std::fill(in_.squared_residuals.begin(), in_.squared_residuals.end(),
+            std::numeric_limits<float>::infinity());
+  for (const std::size_t i : chosen_) {
+    const BundleObservation& o = in_.observations[i];
+    double s = 0.0;
+    if (!project(o, &s)) continue;
+    const bool inlier = s <= (has_depth(o) ? options_.chi2_depth : options_.chi2_mono);
+    summary->inliers += inlier;
+    double phi = o.weight;
+    if (options_.weights == WeightMode::kJoint) phi = phi_[i];
+    if (options_.weights == WeightMode::kEliminated) phi = optimal_weight(phi, s, options_.lambda);
+    if (!in_.inliers.empty()) in_.inliers[i] = inlier ? 1 : 0;
+    if (!in_.weights.empty()) in_.weights[i] = static_cast<float>(phi);
+    if (!in_.squared_residuals.empty()) in_.squared_residuals[i] = static_cast<float>(s);
+  }
+  if (summary->iterations == 0) return;
+  for (const std::size_t i : chosen_) {
+    const BundleObservation& o = in_.observations[i];
+    if (!held(in_.keyframe_fixed, o.keyframe)) in_.T_cam_world[o.keyframe] = poses_[o.keyframe];
+    if (!held(in_.point_fixed, o.point)) in_.points_world[o.point] = points_[o.point];
+  }
+}
+
+}  // namespace
+
+bool has_ceres() { return true; }
+
+BundleSummary optimize_bundle_with_ceres(const BundleProblem& problem,
+                                         const BundleOptions& options) {
+  return Route(problem, options).run();
+}
+
+}  // namespace dynslam::factors

@@ -1,0 +1,201 @@
+// Every Ceres cost function against numeric derivatives, by Ceres' own checker.
+#include <cmath>
+#include <vector>
+
+#include <ceres/gradient_checker.h>
+#include <ceres/solver.h>
+#include <gtest/gtest.h>
+
+#include "dynslam/factors/ceres.hpp"
+#include "dynslam/factors/pose_optimizer.hpp"
+#include "dynslam/factors/static_weight.hpp"
+
+#include "factors/synthetic.hpp"
+
+namespace dynslam::factors {
+namespace {
+
+using synthetic::random_direction;
+using synthetic::random_twist;
+
+// Manifolds that are null stand for Euclidean blocks.
+void expect_derivatives(const ceres::CostFunction& cost,
+                        const std::vector<detail::ManifoldBase*>& manifolds,
+                        std::vector<double*> blocks) {
+  ceres::NumericDiffOptions options;
+  options.ridders_relative_initial_step_size = 1e-3;
+  const std::vector<const detail::ManifoldBase*> bases(manifolds.begin(), manifolds.end());
+  ceres::GradientChecker checker(&cost, &bases, options);
+  ceres::GradientChecker::ProbeResults results;
+  EXPECT_TRUE(checker.Probe(blocks.data(), 1e-5, &results)) << results.error_log;
+}
+
+template <typename T>
+std::vector<double> block_of(T value, int size) {
+  const double* first = parameter_block(value);
+  return {first, first + size};
+}
+
+template <int Rows>
+void check_reprojection() {
+  std::mt19937 rng(5);
+  PoseManifold pose_manifold;
+  for (int i = 0; i < 10; ++i) {
+    const DepthCamera camera = synthetic::kinect();
+    const RigidTransform T = se3_exp(random_twist(rng, 1.0, 1.0));
+    const Eigen::Vector3d in_camera = random_direction(rng) + Eigen::Vector3d(0, 0, 2.5);
+    const Eigen::Vector3d X = T.inverse() * in_camera;
+    Eigen::Matrix<double, Rows, 1> m =
+        camera.project3(in_camera).template head<Rows>() + 3.0 * random_direction(rng).head<Rows>();
+    Eigen::Matrix<double, Rows, Rows> L = Eigen::Matrix<double, Rows, Rows>::Identity() / 1.3;
+    if constexpr (Rows == 3) L = depth_sqrt_information(1.3, camera.bf, 2.0, 0.01);
+    std::vector<double> pose = block_of(T, kPoseBlock), point = block_of(X, 3);
+    double phi = 0.6;
+    expect_derivatives(ReprojectionCost<Rows>(camera, m, L, 0.7), {&pose_manifold, nullptr},
+                       {pose.data(), point.data()});
+    expect_derivatives(WeightedReprojectionCost<Rows>(camera, m, L),
+                       {&pose_manifold, nullptr, nullptr}, {pose.data(), point.data(), &phi});
+  }
+}
+
+TEST(CeresFactors, ReprojectionDerivativesPassTheCheckerOfCeres) {
+  check_reprojection<2>();
+  check_reprojection<3>();
+}
+
+TEST(CeresFactors, PriorAndRelativeDerivativesPassTheCheckerOfCeres) {
+  std::mt19937 rng(6);
+  PoseManifold pose_manifold;
+  SimilarityManifold similarity_manifold;
+  double phi = 0.3;
+  expect_derivatives(WeightPriorCost(0.5, 9.0), {nullptr}, {&phi});
+  for (int i = 0; i < 10; ++i) {
+    const RigidTransform A = se3_exp(random_twist(rng, 2.0, 1.0));
+    const RigidTransform B = se3_exp(random_twist(rng, 2.0, 1.0));
+    const RigidTransform M = se3_exp(random_twist(rng, 0.3, 0.3)) * B * A.inverse();
+    Matrix6d L = Matrix6d::Identity();
+    L(0, 4) = 0.5, L(2, 2) = 3.0;
+    std::vector<double> a = block_of(A, kPoseBlock), b = block_of(B, kPoseBlock);
+    expect_derivatives(RelativePoseCost(M, L), {&pose_manifold, &pose_manifold},
+                       {a.data(), b.data()});
+    expect_derivatives(PosePriorCost(se3_exp(random_twist(rng, 0.3, 0.3)) * A, L), {&pose_manifold},
+                       {a.data()});
+    const Similarity SA(1.3, A.R, A.t), SB(0.8, B.R, B.t);
+    Vector7d xi;
+    xi << random_twist(rng, 0.3, 0.3), 0.1;
+    const Similarity SM = sim3_exp(xi) * SB * SA.inverse();
+    std::vector<double> c = block_of(SA, kSimilarityBlock), d = block_of(SB, kSimilarityBlock);
+    expect_derivatives(RelativeSimilarityCost(SM, Matrix7d::Identity()),
+                       {&similarity_manifold, &similarity_manifold}, {c.data(), d.data()});
+  }
+}
+
+#if DYNSLAM_CERES_HAS_MANIFOLD
+TEST(CeresManifolds, MinusUndoesPlusAndItsJacobianIsTheInverse) {
+  std::mt19937 rng(7);
+  const RigidTransform T = se3_exp(random_twist(rng, 2.0, 1.5));
+  std::vector<double> x = block_of(T, kPoseBlock), y(kPoseBlock);
+  const Vector6d xi = random_twist(rng, 0.5, 0.5);
+  const PoseManifold manifold;
+  ASSERT_TRUE(manifold.Plus(x.data(), xi.data(), y.data()));
+  Vector6d back;
+  ASSERT_TRUE(manifold.Minus(y.data(), x.data(), back.data()));
+  EXPECT_LT((back - xi).norm(), 1e-12);
+  Eigen::Matrix<double, 12, 6, Eigen::RowMajor> plus;
+  Eigen::Matrix<double, 6, 12, Eigen::RowMajor> minus;
+  ASSERT_TRUE(manifold.PlusJacobian(x.data(), plus.data()));
+  ASSERT_TRUE(manifold.MinusJacobian(x.data(), minus.data()));
+  EXPECT_LT((minus * plus - Matrix6d::Identity()).norm(), 1e-12);
+
+  const Similarity S = Similarity(1.7, T.R, T.t);
+  std::vector<double> s = block_of(S, kSimilarityBlock);
+  const SimilarityManifold similar;
+  Eigen::Matrix<double, 13, 7, Eigen::RowMajor> splus;
+  Eigen::Matrix<double, 7, 13, Eigen::RowMajor> sminus;
+  ASSERT_TRUE(similar.PlusJacobian(s.data(), splus.data()));
+  ASSERT_TRUE(similar.MinusJacobian(s.data(), sminus.data()));
+  EXPECT_LT((sminus * splus - Matrix7d::Identity()).norm(), 1e-12);
+}
+#endif
+
+TEST(CeresLosses, EqualTheirOwnMathematics) {
+  const EliminatedWeightLoss eliminated(0.6, 9.0);
+  const RobustLossFunction huber({LossKind::kHuber, 2.0, 1.0}, 0.25);
+  for (const double s : {0.0, 1.0, 30.0}) {
+    double rho[3];
+    eliminated.Evaluate(s, rho);
+    EXPECT_NEAR(0.5 * rho[0], eliminated_cost(0.6, s, 9.0), 1e-14);
+    const double phi = optimal_weight(0.6, s, 9.0);
+    EXPECT_NEAR(rho[1], phi * phi, 1e-14);
+    huber.Evaluate(s, rho);
+    EXPECT_NEAR(rho[0], 0.25 * (s > 4.0 ? 4.0 * std::sqrt(s) - 4.0 : s), 1e-13);
+  }
+}
+
+TEST(CeresFactors, APointBehindTheCameraPullsAtNothing) {
+  const ReprojectionCost<3> cost(synthetic::kinect(), {1, 2, 3}, Eigen::Matrix3d::Identity());
+  RigidTransform T;
+  Eigen::Vector3d X(0, 0, -1), residual;
+  const double* blocks[] = {parameter_block(T), parameter_block(X)};
+  Eigen::Matrix<double, 3, 12, Eigen::RowMajor> by_pose;
+  Eigen::Matrix<double, 3, 3, Eigen::RowMajor> by_point;
+  double* jacobians[] = {by_pose.data(), by_point.data()};
+  ASSERT_TRUE(cost.Evaluate(blocks, residual.data(), jacobians));
+  EXPECT_NEAR(residual.squaredNorm(), 1e6, 1e-3);
+  EXPECT_EQ(by_pose.norm() + by_point.norm(), 0.0);
+}
+
+// A user's own problem: the pose of a frame with one weight per observation, in Ceres.
+TEST(CeresFactors, JointWeightsInCeresReachTheOptimumOfThePoseOptimizer) {
+  synthetic::FrameOptions o;
+  o.points = 80;
+  o.movers = 0.3;
+  o.start_distance = 0.01;
+  o.start_rotation = 0.002;
+  synthetic::Frame f = synthetic::make_frame(o, 3);
+  PoseOptimizerOptions options;
+  options.weights = WeightMode::kEliminated;
+  options.step_tolerance = 1e-12;
+  options.cost_tolerance = 0.0;
+  options.max_iterations = 100;
+  PoseOptimizer own(options);
+  const PoseResult expected = own.optimize(f.camera, f.view(), f.start);
+
+  RigidTransform T = expected.T_cam_world;
+  Vector6d nudge;
+  nudge << 1e-3, 1e-3, -1e-3, 1e-4, 1e-4, -1e-4;
+  T = se3_exp(nudge) * T;
+  std::vector<double> phi(f.points.size());
+  ceres::Problem problem;
+  add_pose_block(problem, T);
+  for (std::size_t i = 0; i < f.points.size(); ++i) {
+    phi[i] = own.weights()[i];
+    const Eigen::Vector3d m(f.pixels[i].x(), f.pixels[i].y(), f.right[i]);
+    add_weight_block(problem, phi[i]);
+    const double sigma = 1.0 / f.inverse_sigma[i];
+    ceres::CostFunction* cost = nullptr;
+    if (f.right[i] < 0.0F) {  // no right column: mono
+      cost = new WeightedReprojectionCost<2>(f.camera, m.head<2>(), mono_sqrt_information(sigma));
+    } else {
+      cost = new WeightedReprojectionCost<3>(f.camera, m, stereo_sqrt_information(sigma));
+    }
+    problem.AddResidualBlock(cost, nullptr, parameter_block(T), parameter_block(f.points[i]),
+                             &phi[i]);
+    problem.SetParameterBlockConstant(parameter_block(f.points[i]));
+    problem.AddResidualBlock(new WeightPriorCost(f.weights[i], options.lambda), nullptr, &phi[i]);
+  }
+  ceres::Solver::Options solver;
+  solver.linear_solver_type = ceres::DENSE_QR;
+  solver.max_num_iterations = 200;
+  solver.function_tolerance = 1e-15;
+  solver.gradient_tolerance = 0.0;
+  solver.parameter_tolerance = 0.0;
+  solver.logging_type = ceres::SILENT;
+  ceres::Solver::Summary summary;
+  ceres::Solve(solver, &problem, &summary);
+  EXPECT_NEAR(summary.final_cost, expected.final_cost, 1e-9 * expected.final_cost);
+  EXPECT_LT(se3_log(T * expected.T_cam_world.inverse()).norm(), 1e-5);
+}
+
+}  // namespace
+}  // namespace dynslam::factors
