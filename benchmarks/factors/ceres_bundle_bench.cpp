@@ -1,5 +1,6 @@
 // Local bundle adjustment, 20 keyframes (2 fixed) x 2000 points, 10 iterations: our Schur solver,
-// Ceres over our analytic factors, and Ceres with automatic derivatives beside them.
+// Ceres over our analytic factors, and Ceres with automatic derivatives, written in two common
+// ways, beside them.
 #include <array>
 #include <cmath>
 #include <memory>
@@ -7,6 +8,8 @@
 
 #include <benchmark/benchmark.h>
 #include <ceres/autodiff_cost_function.h>
+#include <ceres/loss_function.h>
+#include <ceres/manifold.h>
 #include <ceres/ordered_groups.h>
 #include <ceres/problem.h>
 #include <ceres/rotation.h>
@@ -42,6 +45,20 @@ struct AutodiffResidual {
   }
 };
 
+// The other common way: unit quaternion with its manifold, and translation.
+template <int Rows>
+struct QuaternionResidual {
+  AutodiffResidual<Rows> plain;
+
+  template <typename T>
+  bool operator()(const T* q, const T* t, const T* X, T* residual) const {
+    T c[3];
+    ceres::QuaternionRotatePoint(q, X, c);
+    const T nothing[6] = {T(0.0), T(0.0), T(0.0), t[0], t[1], t[2]};
+    return plain(nothing, c, residual);
+  }
+};
+
 synthetic::Bundle make_bundle(bool depth) {
   synthetic::BundleShape shape;
   shape.seen = 0.592;  // 15.7k observations
@@ -50,6 +67,41 @@ synthetic::Bundle make_bundle(bool depth) {
   for (BundleObservation& o : b.observations)
     if (depth) o.right_column = std::max(o.right_column, 0.0F);
   return b;
+}
+
+double finish(ceres::Problem& problem, ceres::Solver::Options options) {
+  options.linear_solver_type = ceres::SPARSE_SCHUR;
+  options.max_num_iterations = kIterations;
+  options.function_tolerance = options.gradient_tolerance = options.parameter_tolerance = 0.0;
+  options.logging_type = ceres::SILENT;
+  ceres::Solver::Summary summary;
+  ceres::Solve(options, &problem, &summary);
+  return summary.final_cost;
+}
+
+// Quaternions, and the order of elimination left to Ceres, as its tutorials do.
+template <int Rows>
+double solve_by_quaternions(synthetic::Bundle& b) {
+  std::vector<std::array<double, 7>> poses(b.poses.size());
+  ceres::Problem problem;
+  for (std::size_t k = 0; k < poses.size(); ++k) {
+    const Eigen::Quaterniond q = b.poses[k].quaternion();
+    const Eigen::Vector3d& t = b.poses[k].t;
+    poses[k] = {q.w(), q.x(), q.y(), q.z(), t.x(), t.y(), t.z()};
+    problem.AddParameterBlock(poses[k].data(), 4, new ceres::QuaternionManifold);
+    problem.AddParameterBlock(poses[k].data() + 4, 3);
+    if (!b.fixed[k]) continue;
+    problem.SetParameterBlockConstant(poses[k].data());
+    problem.SetParameterBlockConstant(poses[k].data() + 4);
+  }
+  for (const BundleObservation& o : b.observations) {
+    problem.AddResidualBlock(
+        new ceres::AutoDiffCostFunction<QuaternionResidual<Rows>, Rows, 4, 3, 3>(
+            new QuaternionResidual<Rows>{{b.camera, {o.u, o.v, o.right_column}}}),
+        new ceres::HuberLoss(kHuber), poses[o.keyframe].data(), poses[o.keyframe].data() + 4,
+        b.points[o.point].data());
+  }
+  return finish(problem, {});
 }
 
 template <int Rows>
@@ -73,13 +125,7 @@ double solve_by_autodiff(synthetic::Bundle& b) {
   }
   for (std::size_t k = 0; k < poses.size(); ++k)
     if (b.fixed[k]) problem.SetParameterBlockConstant(poses[k].data());
-  options.linear_solver_type = ceres::SPARSE_SCHUR;
-  options.max_num_iterations = kIterations;
-  options.function_tolerance = options.gradient_tolerance = options.parameter_tolerance = 0.0;
-  options.logging_type = ceres::SILENT;
-  ceres::Solver::Summary summary;
-  ceres::Solve(options, &problem, &summary);
-  return summary.final_cost;
+  return finish(problem, options);
 }
 
 BundleOptions make_options(BundleSolver solver, WeightMode mode) {
@@ -92,7 +138,8 @@ BundleOptions make_options(BundleSolver solver, WeightMode mode) {
   return options;
 }
 
-void BM_CeresAutodiff(benchmark::State& state) {
+void BM_CeresAutodiff(benchmark::State& state, double (*solve3)(synthetic::Bundle&),
+                      double (*solve2)(synthetic::Bundle&)) {
   const bool depth = state.range(0) != 0;
   const synthetic::Bundle start = make_bundle(depth);
   synthetic::Bundle own = start;
@@ -101,20 +148,22 @@ void BM_CeresAutodiff(benchmark::State& state) {
   double cost = 0.0;
   for (auto _ : state) {
     synthetic::Bundle b = start;
-    cost = depth ? solve_by_autodiff<3>(b) : solve_by_autodiff<2>(b);
+    cost = depth ? solve3(b) : solve2(b);
   }
   if (std::abs(cost - expected.final_cost) > 2e-4 * expected.final_cost)
     state.SkipWithError("Ceres and dynslam disagree");
   state.counters["observations"] = static_cast<double>(start.observations.size());
 }
 
-void BM_Own(benchmark::State& state, BundleSolver solver, WeightMode mode) {
+void BM_Own(benchmark::State& state, BundleSolver solver, WeightMode mode, int dense = 40) {
   const synthetic::Bundle start = make_bundle(state.range(0) != 0);
   BundleWorkspace workspace;
   BundleSummary summary;
   for (auto _ : state) {
     synthetic::Bundle b = start;
-    summary = optimize_bundle(b.view(), make_options(solver, mode), &workspace);
+    BundleOptions options = make_options(solver, mode);
+    options.ceres_dense_keyframes = dense;
+    summary = optimize_bundle(b.view(), options, &workspace);
   }
   if (!usable(summary.status)) state.SkipWithError("not usable");
   state.counters["iterations"] = summary.iterations;
@@ -123,8 +172,14 @@ void BM_Own(benchmark::State& state, BundleSolver solver, WeightMode mode) {
 
 // 1: with depth, three rows each; 0: mono, two rows.
 #define DYNSLAM_CASES Arg(1)->Arg(0)->Unit(benchmark::kMillisecond)
-BENCHMARK(BM_CeresAutodiff)->DYNSLAM_CASES;
-BENCHMARK_CAPTURE(BM_Own, CeresAnalytic, BundleSolver::kCeres, WeightMode::kFixed)->DYNSLAM_CASES;
+BENCHMARK_CAPTURE(BM_CeresAutodiff, Quaternion, &solve_by_quaternions<3>, &solve_by_quaternions<2>)
+    ->DYNSLAM_CASES;
+BENCHMARK_CAPTURE(BM_CeresAutodiff, AngleAxis, &solve_by_autodiff<3>, &solve_by_autodiff<2>)
+    ->DYNSLAM_CASES;
+BENCHMARK_CAPTURE(BM_Own, CeresAnalyticSparse, BundleSolver::kCeres, WeightMode::kFixed, 0)
+    ->DYNSLAM_CASES;
+BENCHMARK_CAPTURE(BM_Own, CeresAnalyticDense, BundleSolver::kCeres, WeightMode::kFixed)
+    ->DYNSLAM_CASES;
 BENCHMARK_CAPTURE(BM_Own, Schur, BundleSolver::kSchur, WeightMode::kFixed)->DYNSLAM_CASES;
 BENCHMARK_CAPTURE(BM_Own, SchurEliminated, BundleSolver::kSchur, WeightMode::kEliminated)
     ->DYNSLAM_CASES;

@@ -4,6 +4,7 @@
 
 #include <benchmark/benchmark.h>
 #include <ceres/autodiff_cost_function.h>
+#include <ceres/loss_function.h>
 #include <ceres/problem.h>
 #include <ceres/rotation.h>
 #include <ceres/solver.h>

@@ -57,6 +57,8 @@ void BundleOptions::validate() const {
   require(cost_tolerance >= 0.0, where, "cost_tolerance", cost_tolerance, "a number >= 0");
   require(std::isfinite(initial_damping) && initial_damping > 0.0, where, "initial_damping",
           initial_damping, "a positive number");
+  require(ceres_dense_keyframes >= 0, where, "ceres_dense_keyframes", ceres_dense_keyframes,
+          "a number >= 0");
 }
 
 struct BundleWorkspace::Impl {

@@ -3,8 +3,10 @@
 #include <cmath>
 #include <limits>
 #include <memory>
+#include <type_traits>
 #include <vector>
 
+#include <ceres/evaluation_callback.h>
 #include <ceres/iteration_callback.h>
 #include <ceres/ordered_groups.h>
 #include <ceres/solver.h>
@@ -38,12 +40,88 @@ class AbortCallback final : public ceres::IterationCallback {
   const std::atomic<bool>* flag_;
 };
 
+// Keyframes as Ceres sees them here: a plain block of 6, the motion xi since the start,
+// T = exp(xi) T_start. The exponential and its derivative are computed once an evaluation, not once
+// an observation, and there is no manifold to multiply by.
+class Keyframes final : public ceres::EvaluationCallback {
+ public:
+  struct State {
+    Vector6d xi = Vector6d::Zero();
+    RigidTransform start, T;
+    Matrix6d by_xi = Matrix6d::Identity();  // left perturbation of T by a change of xi
+  };
+
+  explicit Keyframes(Span<RigidTransform> poses) {
+    for (const RigidTransform& T : poses) {
+      states.emplace_back();
+      states.back().start = states.back().T = T;
+    }
+  }
+  void PrepareForEvaluation(bool jacobians, bool new_point) override {
+    if (!new_point && !jacobians) return;
+    for (State& state : states) {
+      if (new_point) state.T = se3_exp(state.xi) * state.start;
+      if (jacobians) state.by_xi = left_jacobian<6>(se3_bracket(state.xi));
+    }
+  }
+
+  std::vector<State> states;
+};
+
+// The factor of factors/ceres.hpp over this pose, with or without a weight block.
+template <int Rows, bool kWeight>
+using CostBase = std::conditional_t<kWeight, ceres::SizedCostFunction<Rows, 6, 3, 1>,
+                                    ceres::SizedCostFunction<Rows, 6, 3>>;
+
+template <int Rows, bool kWeight>
+class KeyframeCost final : public CostBase<Rows, kWeight> {
+ public:
+  using Measured = Eigen::Matrix<double, Rows, 1>;
+  KeyframeCost(const DepthCamera& camera, const Keyframes::State& keyframe,
+               const Measured& measured, double inverse_sigma)
+      : camera_(camera), keyframe_(keyframe), measured_(measured), inverse_sigma_(inverse_sigma) {}
+
+  bool Evaluate(double const* const* x, double* residuals, double** J) const override {
+    const Eigen::Vector3d X = Eigen::Map<const Eigen::Vector3d>(x[1]);
+    double phi = 1.0;
+    if constexpr (kWeight) phi = *x[2];
+    Measured e, whitened;
+    Eigen::Matrix<double, Rows, 6> by_pose;
+    Eigen::Matrix<double, Rows, 3> by_point;
+    ReprojectionJacobians<Rows> wanted;
+    if (J) wanted = {&by_pose, &by_point, &whitened, nullptr};
+    const Eigen::Matrix<double, Rows, Rows> L =
+        Eigen::Matrix<double, Rows, Rows>::Identity() * inverse_sigma_;
+    if (!weighted_reprojection<Rows>(camera_, keyframe_.T, X, measured_, L, phi, e, wanted)) {
+      whitened.setConstant(detail::kBehindResidual / std::sqrt(double{Rows}));
+      e = phi * whitened;
+      by_pose.setZero();
+      by_point.setZero();
+    }
+    detail::map<Rows, 1>(residuals) = e;
+    if (!J) return true;
+    if (J[0]) detail::map<Rows, 6>(J[0]).noalias() = by_pose * keyframe_.by_xi;
+    if (J[1]) detail::map<Rows, 3>(J[1]) = by_point;
+    if constexpr (kWeight) {
+      if (J[2]) detail::map<Rows, 1>(J[2]) = whitened;
+    }
+    return true;
+  }
+
+ private:
+  const DepthCamera& camera_;
+  const Keyframes::State& keyframe_;
+  Measured measured_;
+  double inverse_sigma_;
+};
+
 class Route {
  public:
   Route(const BundleProblem& problem, const BundleOptions& options)
       : in_(problem),
         options_(options),
         poses_(problem.T_cam_world.begin(), problem.T_cam_world.end()),
+        keyframes_(problem.T_cam_world),
         points_(problem.points_world.begin(), problem.points_world.end()) {}
 
   BundleSummary run();
@@ -63,6 +141,7 @@ class Route {
   const BundleProblem& in_;
   const BundleOptions& options_;
   std::vector<RigidTransform> poses_;
+  Keyframes keyframes_;
   std::vector<Eigen::Vector3d> points_;
   std::vector<std::size_t> chosen_;
   std::vector<double> phi_;  // by observation
@@ -126,13 +205,13 @@ void Route::add(std::size_t i, ceres::Problem* problem) {
   measured[0] = o.u;
   measured[1] = o.v;
   if constexpr (Rows == 3) measured[2] = o.right_column;
-  const Eigen::Matrix<double, Rows, Rows> L =
-      Eigen::Matrix<double, Rows, Rows>::Identity() * double{o.inverse_sigma};
-  double* pose = parameter_block(poses_[o.keyframe]);
+  const Keyframes::State& keyframe = keyframes_.states[o.keyframe];
+  double* pose = keyframes_.states[o.keyframe].xi.data();
   double* point = parameter_block(points_[o.point]);
   if (options_.weights == WeightMode::kJoint) {
-    problem->AddResidualBlock(new WeightedReprojectionCost<Rows>(in_.camera, measured, L), nullptr,
-                              pose, point, &phi_[i]);
+    problem->AddResidualBlock(
+        new KeyframeCost<Rows, true>(in_.camera, keyframe, measured, o.inverse_sigma), nullptr,
+        pose, point, &phi_[i]);
     problem->AddResidualBlock(new WeightPriorCost(o.weight, options_.lambda), nullptr, &phi_[i]);
     add_weight_block(*problem, phi_[i]);
     return;
@@ -144,18 +223,14 @@ void Route::add(std::size_t i, ceres::Problem* problem) {
   } else if (options_.loss.kind != LossKind::kNone || trust != 1.0) {
     loss = new RobustLossFunction(options_.loss, trust);
   }
-  problem->AddResidualBlock(new ReprojectionCost<Rows>(in_.camera, measured, L), loss, pose, point);
+  problem->AddResidualBlock(
+      new KeyframeCost<Rows, false>(in_.camera, keyframe, measured, o.inverse_sigma), loss, pose,
+      point);
 }
 
 void Route::build(ceres::Problem* problem) {
   for (const std::size_t i : chosen_) {
     const BundleObservation& o = in_.observations[i];
-    const bool new_pose = !problem->HasParameterBlock(parameter_block(poses_[o.keyframe]));
-    if (new_pose) {
-      add_pose_block(*problem, poses_[o.keyframe]);
-      if (held(in_.keyframe_fixed, o.keyframe))
-        problem->SetParameterBlockConstant(parameter_block(poses_[o.keyframe]));
-    }
     if (has_depth(o)) {
       add<3>(i, problem);
     } else {
@@ -163,6 +238,8 @@ void Route::build(ceres::Problem* problem) {
     }
     if (held(in_.point_fixed, o.point))
       problem->SetParameterBlockConstant(parameter_block(points_[o.point]));
+    if (held(in_.keyframe_fixed, o.keyframe))
+      problem->SetParameterBlockConstant(keyframes_.states[o.keyframe].xi.data());
   }
 }
 
@@ -191,11 +268,18 @@ BundleSummary Route::run() {
     return summary;
   }
   summary.initial_cost = cost();
-  ceres::Problem problem;
+  ceres::Problem::Options problem_options;
+  problem_options.evaluation_callback = &keyframes_;
+  ceres::Problem problem(problem_options);
   build(&problem);
   AbortCallback callback(options_.abort);
   ceres::Solver::Options solver;
-  solver.linear_solver_type = ceres::SPARSE_SCHUR;
+  int free_keyframes = 0;
+  for (std::size_t k = 0; k < poses_.size(); ++k)
+    free_keyframes += held(in_.keyframe_fixed, k) ? 0 : 1;
+  const bool dense =
+      options_.weights != WeightMode::kJoint && free_keyframes <= options_.ceres_dense_keyframes;
+  solver.linear_solver_type = dense ? ceres::DENSE_SCHUR : ceres::SPARSE_SCHUR;
   solver.sparse_linear_algebra_library_type = ceres::EIGEN_SPARSE;
   if (ceres::IsSparseLinearAlgebraLibraryTypeAvailable(ceres::SUITE_SPARSE))
     solver.sparse_linear_algebra_library_type = ceres::SUITE_SPARSE;
@@ -203,7 +287,7 @@ BundleSummary Route::run() {
   for (const std::size_t i : chosen_) {
     const BundleObservation& o = in_.observations[i];
     solver.linear_solver_ordering->AddElementToGroup(parameter_block(points_[o.point]), 0);
-    solver.linear_solver_ordering->AddElementToGroup(parameter_block(poses_[o.keyframe]), 1);
+    solver.linear_solver_ordering->AddElementToGroup(keyframes_.states[o.keyframe].xi.data(), 1);
     if (options_.weights == WeightMode::kJoint)
       solver.linear_solver_ordering->AddElementToGroup(&phi_[i], 1);
   }
@@ -216,6 +300,10 @@ BundleSummary Route::run() {
   solver.callbacks.push_back(&callback);
   ceres::Solver::Summary result;
   ceres::Solve(solver, &problem, &result);
+  for (std::size_t k = 0; k < poses_.size(); ++k) {
+    if (held(in_.keyframe_fixed, k)) continue;
+    poses_[k] = (se3_exp(keyframes_.states[k].xi) * keyframes_.states[k].start).normalized();
+  }
   summary.linear_solver = name_of(result);
   summary.iterations = static_cast<int>(result.iterations.size()) - 1;
   switch (result.termination_type) {

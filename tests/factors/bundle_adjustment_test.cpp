@@ -344,6 +344,7 @@ TEST(BundleOptions, RefuseByName) {
   refuses("chi2_depth", [](auto& o) { o.chi2_depth = -1.0; });
   refuses("cost_tolerance", [](auto& o) { o.cost_tolerance = -1.0; });
   refuses("initial_damping", [](auto& o) { o.initial_damping = 0.0; });
+  refuses("ceres_dense_keyframes", [](auto& o) { o.ceres_dense_keyframes = -1; });
 }
 
 }  // namespace

@@ -62,6 +62,27 @@ TEST(CeresRoute, AgreesWithTheSchurSolverForEveryModeAndLoss) {
   }
 }
 
+TEST(CeresRoute, SaysWhichLinearSolverRan) {
+  BundleShape shape;
+  shape.keyframes = 5;
+  shape.points = 60;
+  for (const double depth : {0.0, 1.0}) {
+    shape.depth = depth;
+    Bundle a = make_bundle(shape, 22);
+    Bundle b = a;
+    BundleOptions options;
+    options.solver = BundleSolver::kCeres;
+    options.cost_tolerance = 1e-12;
+    options.max_iterations = 50;
+    const BundleSummary dense = optimize_bundle(a.view(), options);
+    EXPECT_STREQ(dense.linear_solver, "Ceres DENSE_SCHUR");
+    options.ceres_dense_keyframes = 0;
+    const BundleSummary sparse = optimize_bundle(b.view(), options);
+    EXPECT_NE(std::strstr(sparse.linear_solver, "Ceres SPARSE_SCHUR ("), nullptr);
+    EXPECT_NEAR(dense.final_cost, sparse.final_cost, 1e-8 * dense.final_cost);
+  }
+}
+
 TEST(CeresRoute, StopsWhenAskedAndSaysTooFew) {
   std::atomic<bool> abort{true};
   BundleOptions options;

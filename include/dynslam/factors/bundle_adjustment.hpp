@@ -57,8 +57,11 @@ struct BundleOptions {
   int max_iterations = 10;                           ///< >= 1
   double chi2_mono = 5.991;                          ///< inlier bound on s, 2 rows, > 0
   double chi2_depth = 7.815;                         ///< inlier bound on s, 3 rows, > 0
-  double cost_tolerance = 1e-6;              ///< stop on relative decrease below, >= 0 (0: never)
-  double initial_damping = 1e-5;             ///< relative to the diagonal, > 0
+  double cost_tolerance = 1e-6;   ///< stop on relative decrease below, >= 0 (0: never)
+  double initial_damping = 1e-5;  ///< relative to the diagonal, > 0
+  int ceres_dense_keyframes =
+      40;  ///< Ceres only: up to this many free keyframes DENSE_SCHUR, above
+           ///< SPARSE_SCHUR, >= 0; 0: always sparse. Joint: always sparse
   const std::atomic<bool>* abort = nullptr;  ///< polled between iterations; may be raised from
                                              ///< another thread; the best state so far is kept
 
