@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+
 #include <opencv2/imgproc.hpp>
 
 #include "dynslam/core/errors.hpp"
@@ -16,8 +17,8 @@ std::string size_text(cv::Size size) {
 }  // namespace
 
 cv::Rect Letterbox::to_image(const Detection& box) const {
-  const auto edge = [](double network, int offset, double scale, int limit) {
-    return std::clamp((network - offset) / scale, 0.0, static_cast<double>(limit));
+  const auto edge = [](double at, int offset, double scale, int limit) {
+    return std::clamp((at - offset) / scale, 0.0, static_cast<double>(limit));
   };
   const int left = static_cast<int>(std::floor(edge(box.left, inner.x, scale_x, image.width)));
   const int top = static_cast<int>(std::floor(edge(box.top, inner.y, scale_y, image.height)));

@@ -85,10 +85,10 @@ cv::Mat prototype_mask(TensorView<const float> prototypes, Span<const float> coe
           std::to_string(box.width) + "x" + std::to_string(box.height) + " at " +
               std::to_string(box.x) + ", " + std::to_string(box.y),
           "a box inside the image");
-  const Axis across = make_axis(letterbox.scale_x, letterbox.inner.x, letterbox.network.width,
-                                prototypes.width);
-  const Axis down = make_axis(letterbox.scale_y, letterbox.inner.y, letterbox.network.height,
-                              prototypes.height);
+  const Axis across =
+      make_axis(letterbox.scale_x, letterbox.inner.x, letterbox.network.width, prototypes.width);
+  const Axis down =
+      make_axis(letterbox.scale_y, letterbox.inner.y, letterbox.network.height, prototypes.height);
   const int x0 = static_cast<int>(across.at(box.x));
   const int x1 = std::min(static_cast<int>(across.at(box.br().x - 1)) + 1, prototypes.width - 1);
   const int y0 = static_cast<int>(down.at(box.y));
@@ -106,8 +106,7 @@ cv::Mat prototype_mask(TensorView<const float> prototypes, Span<const float> coe
   for (int x = 0; x < box.width; ++x) {
     const double at = across.at(box.x + x);
     scratch.left[static_cast<std::size_t>(x)] = static_cast<int>(at) - x0;
-    scratch.weight[static_cast<std::size_t>(x)] =
-        static_cast<float>(at - static_cast<int>(at));
+    scratch.weight[static_cast<std::size_t>(x)] = static_cast<float>(at - static_cast<int>(at));
   }
   cv::Mat mask(box.size(), CV_8UC1);
   for (int y = 0; y < box.height; ++y) {

@@ -1,9 +1,10 @@
 // The map between an image and a network's input.
 #pragma once
 
+#include <vector>
+
 #include <opencv2/core/mat.hpp>
 #include <opencv2/core/types.hpp>
-#include <vector>
 
 #include "dynslam/segmentation/decoders/detection.hpp"
 
@@ -36,10 +37,10 @@ Letterbox make_letterbox(cv::Size image, cv::Size network,
 
 /// How pixels become numbers: value = (pixel - mean) * factor, channel by channel.
 struct PixelScale {
-  bool rgb = true;               ///< order of the planes; false = BGR
+  bool rgb = true;                                         ///< order of the planes; false = BGR
   float factor[3] = {1.0F / 255, 1.0F / 255, 1.0F / 255};  ///< in the order of the planes
   float mean[3] = {0.0F, 0.0F, 0.0F};                      ///< in the order of the planes
-  float border = 114.0F;         ///< pixel value of the border
+  float border = 114.0F;                                   ///< pixel value of the border
 };
 
 /// The network's input, 3 x height x width (CHW): scaled bilinearly, border filled. `image` is 8UC1

@@ -1,9 +1,10 @@
 // From instances to the one mask that the rest of a system uses.
 #pragma once
 
-#include <opencv2/core/mat.hpp>
 #include <string>
 #include <vector>
+
+#include <opencv2/core/mat.hpp>
 
 #include "dynslam/segmentation/segmenter.hpp"
 
@@ -13,7 +14,7 @@ namespace dynslam::segmentation {
 /// (person, bicycle, car, motorcycle, bus, train, truck, bird, cat, dog, horse,
 /// sheep, cow, elephant, bear, zebra, giraffe), and "mover", the class of
 /// recorded masks.
-const std::vector<std::string> &default_dynamic_classes();
+const std::vector<std::string>& default_dynamic_classes();
 
 /// Which instances are dynamic, and how far their mask reaches.
 struct MaskPolicyOptions {
@@ -22,9 +23,9 @@ struct MaskPolicyOptions {
   /// airplane/aeroplane, couch/sofa, ...) are the same class. Names that a
   /// segmenter does not know are ignored; "*" stands for every class.
   std::vector<std::string> classes = default_dynamic_classes();
-  float min_score = 0.3F; ///< instances below are ignored; 0..1 (engineering)
-  int dilation_px = 3;    ///< the mask grows by this many pixels, 0..255 (ORB
-                          ///< patches reach over)
+  float min_score = 0.3F;  ///< instances below are ignored; 0..1 (engineering)
+  int dilation_px = 3;     ///< the mask grows by this many pixels, 0..255 (ORB
+                           ///< patches reach over)
 
   /// Throws InvalidArgument naming the member that breaks its rule.
   void validate() const;
@@ -34,16 +35,15 @@ struct MaskPolicyOptions {
 ///
 /// Thread-safety: const after construction, any number of threads.
 class MaskPolicy {
-public:
+ public:
   /// Throws InvalidArgument for bad options.
-  explicit MaskPolicy(const MaskPolicyOptions &options = {});
+  explicit MaskPolicy(const MaskPolicyOptions& options = {});
 
-  const MaskPolicyOptions &options() const { return options_; }
+  const MaskPolicyOptions& options() const { return options_; }
 
   /// Whether an instance counts as dynamic by class and score. A `class_id`
   /// outside `class_names` only matches "*".
-  bool is_dynamic(const Instance &instance,
-                  const std::vector<std::string> &class_names) const;
+  bool is_dynamic(const Instance& instance, const std::vector<std::string>& class_names) const;
 
   /// Union of the dynamic instances' masks, dilated: 8UC1 of the segmented
   /// image's size, 0 static, 255 dynamic. Written into `mask`, which is reused
@@ -53,14 +53,13 @@ public:
   /// Throws InvalidArgument if an instance's box leaves the image or its mask
   /// has another size or type than its box. Cost O(pixels), allocates scratch
   /// only to dilate.
-  void mask(const Segmentation &segmentation,
-            const std::vector<std::string> &class_names, cv::Mat &mask) const;
+  void mask(const Segmentation& segmentation, const std::vector<std::string>& class_names,
+            cv::Mat& mask) const;
 
   /// The same, in a new image.
-  cv::Mat mask(const Segmentation &segmentation,
-               const std::vector<std::string> &class_names) const;
+  cv::Mat mask(const Segmentation& segmentation, const std::vector<std::string>& class_names) const;
 
-private:
+ private:
   MaskPolicyOptions options_;
   std::vector<std::string> canonical_;
   bool every_class_ = false;
@@ -69,11 +68,11 @@ private:
 /// The one spelling of a class name that all its spellings share: lower case,
 /// spaces for '-' and
 /// '_', and the names of today's COCO lists ("motorbike" gives "motorcycle").
-std::string canonical_class_name(const std::string &name);
+std::string canonical_class_name(const std::string& name);
 
 /// Grows the non-zero region of an 8UC1 mask in place to all pixels within
 /// `radius` (Euclidean disc). O(pixels x radius) with OpenCV's filters; nothing
 /// for radius 0.
-void dilate_mask(cv::Mat &mask, int radius);
+void dilate_mask(cv::Mat& mask, int radius);
 
-} // namespace dynslam::segmentation
+}  // namespace dynslam::segmentation

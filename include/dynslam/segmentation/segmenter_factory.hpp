@@ -11,7 +11,7 @@ namespace dynslam::segmentation {
 
 /// What a segmenter made by name is built with.
 struct SegmenterFactoryOptions {
-  NetworkOptions network; ///< for the kinds that run a network
+  NetworkOptions network;  ///< for the kinds that run a network
 };
 
 /// Makes a segmenter from "KIND" or "KIND:FILES":
@@ -22,14 +22,13 @@ struct SegmenterFactoryOptions {
 ///
 /// Throws InvalidArgument, listing the valid kinds, for any other text; and
 /// what the constructor of the segmenter throws.
-std::unique_ptr<Segmenter>
-make_segmenter(const std::string &spec,
-               const SegmenterFactoryOptions &options = {});
+std::unique_ptr<Segmenter> make_segmenter(const std::string& spec,
+                                          const SegmenterFactoryOptions& options = {});
 
 /// "opencv" or "onnxruntime"; throws InvalidArgument for any other text.
-Backend backend_from_name(const std::string &name);
+Backend backend_from_name(const std::string& name);
 
 /// Whether this build of the library can run the backend.
 bool backend_available(Backend backend);
 
-} // namespace dynslam::segmentation
+}  // namespace dynslam::segmentation

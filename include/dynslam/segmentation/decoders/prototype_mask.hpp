@@ -1,8 +1,9 @@
 // Instance masks from prototypes (YOLACT's idea, used by YOLOv5-seg, v8-seg and YOLO11-seg).
 #pragma once
 
-#include <opencv2/core/mat.hpp>
 #include <vector>
+
+#include <opencv2/core/mat.hpp>
 
 #include "dynslam/core/span.hpp"
 #include "dynslam/core/tensor_view.hpp"

@@ -1,0 +1,17 @@
+// Stands in for the ONNX Runtime backend in builds without it.
+#include "dynslam/core/errors.hpp"
+#include "dynslam/segmentation/segmenter_factory.hpp"
+
+#include "segmentation/network.hpp"
+
+namespace dynslam::segmentation {
+
+std::unique_ptr<Network> make_onnxruntime_network(const OnnxFile& file, InputSize, int) {
+  throw_io_error(file.path,
+                 "cannot be run by the backend onnxruntime: dynslam was built without it "
+                 "(cmake/install_dependencies.sh --onnxruntime, then build again)");
+}
+
+bool backend_available(Backend backend) { return backend == Backend::kOpenCv; }
+
+}  // namespace dynslam::segmentation

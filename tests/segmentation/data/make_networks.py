@@ -1,0 +1,162 @@
+#!/usr/bin/env python3
+"""Writes the tiny networks of the tests: ONNX graphs with the exact output layouts of the real ones.
+
+Needs nothing but Python. An ONNX file is a protocol buffer; the few messages that are needed are
+written by hand below (field numbers from onnx.proto3). Run it in this folder.
+"""
+import struct
+
+# ------------------------------------------------------------------------- protocol buffer, ONNX
+FLOAT, INT64 = 1, 7
+
+
+def varint(n):
+    n &= (1 << 64) - 1
+    out = b""
+    while n > 127:
+        out += bytes([n & 127 | 128])
+        n >>= 7
+    return out + bytes([n])
+
+
+def number(field, value):
+    return varint(field << 3) + varint(value)
+
+
+def message(field, content):
+    if isinstance(content, str):
+        content = content.encode()
+    return varint(field << 3 | 2) + varint(len(content)) + content
+
+
+def tensor(name, dims, values, kind=FLOAT):
+    body = b"".join(number(1, d) for d in dims) + number(2, kind)
+    body += message(8, name)
+    return body + message(9, struct.pack("<%d%s" % (len(values), "f" if kind == FLOAT else "q"), *values))
+
+
+def attribute(name, value):
+    body = message(1, name)
+    if isinstance(value, int):
+        return body + number(3, value) + number(20, 2)
+    if isinstance(value, float):
+        return body + varint(2 << 3 | 5) + struct.pack("<f", value) + number(20, 1)
+    return body + b"".join(number(8, v) for v in value) + number(20, 7)
+
+
+def node(kind, inputs, outputs, **attributes):
+    body = b"".join(message(1, i) for i in inputs) + b"".join(message(2, o) for o in outputs)
+    body += message(3, outputs[0]) + message(4, kind)
+    return body + b"".join(message(5, attribute(k, v)) for k, v in attributes.items())
+
+
+def value_info(name, dims):
+    shape = b""
+    for d in dims:
+        shape += message(1, message(2, d) if isinstance(d, str) else number(1, d))
+    return message(1, name) + message(2, message(1, number(1, FLOAT) + message(2, shape)))
+
+
+def model(nodes, weights, inputs, outputs, metadata=None):
+    graph = b"".join(message(1, n) for n in nodes) + message(2, "tiny")
+    graph += b"".join(message(5, w) for w in weights)
+    graph += b"".join(message(11, value_info(*i)) for i in inputs)
+    graph += b"".join(message(12, value_info(*o)) for o in outputs)
+    body = number(1, 8) + message(2, "dynslam tests") + message(7, graph)
+    body += message(8, message(1, "") + number(2, 13))
+    for key, value in (metadata or {}).items():
+        body += message(14, message(1, key) + message(2, value))
+    return body
+
+
+def write(name, content):
+    with open(name, "wb") as file:
+        file.write(content)
+    print(name, len(content))
+
+
+# ------------------------------------------------------------------------- pieces of graphs
+def constant_output(tag, values, shape, image="images"):
+    """The values whatever the image shows: pooled to one number, times zero, plus the values."""
+    count = len(values)
+    nodes = [
+        node("Conv", [image, tag + "_w0"], [tag + "_one"], kernel_shape=[1, 1]),
+        node("GlobalAveragePool", [tag + "_one"], [tag + "_pooled"]),
+        node("Conv", [tag + "_pooled", tag + "_w1", tag + "_b1"], [tag + "_flat"], kernel_shape=[1, 1]),
+        node("Reshape", [tag + "_flat", tag + "_shape"], [tag]),
+    ]
+    weights = [
+        tensor(tag + "_w0", [1, 3, 1, 1], [0.0, 0.0, 0.0]),
+        tensor(tag + "_w1", [count, 1, 1, 1], [0.0] * count),
+        tensor(tag + "_b1", [count], values),
+        tensor(tag + "_shape", [len(shape)], shape, INT64),
+    ]
+    return nodes, weights
+
+
+def colour_prototypes(tag, count):
+    """Prototype 0 is red - 0.5, prototype 1 is green - 0.5, the others 0, at a quarter of the size."""
+    w = [0.0] * (count * 3)
+    w[0] = 1.0
+    w[3 + 1] = 1.0
+    b = [0.0] * count
+    b[0] = b[1] = -0.5
+    nodes = [
+        node("AveragePool", ["images"], [tag + "_small"], kernel_shape=[4, 4], strides=[4, 4]),
+        node("Conv", [tag + "_small", tag + "_w", tag + "_b"], [tag], kernel_shape=[1, 1]),
+    ]
+    return nodes, [tensor(tag + "_w", [count, 3, 1, 1], w), tensor(tag + "_b", [count], b)]
+
+
+# ------------------------------------------------------------------------- YOLO segmentation
+WIDTH, HEIGHT, CANDIDATES = 96, 64, 60
+NAMES = {"names": "{0: 'person', 1: \"office chair\", 2: 'dog'}"}
+# candidate: cx, cy, w, h, objectness, class probabilities, prototype, expected to be found
+FOUND = {
+    3: (24.0, 32.0, 32.0, 40.0, 0.9, (0.9, 0.1, 0.1), 0),   # person, mask where it is red
+    5: (26.0, 33.0, 32.0, 40.0, 0.9, (0.8, 0.1, 0.1), 0),   # the same person, weaker: goes
+    7: (24.0, 32.0, 32.0, 40.0, 0.8, (0.1, 0.1, 0.75), 1),  # a dog there too, where it is green: stays
+    9: (70.0, 32.0, 20.0, 20.0, 0.2, (0.1, 0.9, 0.1), 0),   # a chair of score 0.18: goes
+    11: (90.0, 60.0, 40.0, 40.0, 1.0, (0.1, 0.6, 0.1), 0),  # a chair that hangs out of the image
+}
+
+
+def yolo_seg(columns):
+    coefficients = 32
+    rows = []
+    for i in range(CANDIDATES):
+        cx, cy, w, h, objectness, classes, prototype = FOUND.get(i, (8.0, 8.0, 4.0, 4.0, 0.01, (0.1,) * 3, 0))
+        mask = [2.0 if c == prototype else 0.0 for c in range(coefficients)]
+        if columns:
+            rows.append([cx, cy, w, h] + [objectness * c for c in classes] + mask)
+        else:
+            rows.append([cx, cy, w, h, objectness] + list(classes) + mask)
+    width = len(rows[0])
+    if columns:
+        values = [rows[i][v] for v in range(width) for i in range(CANDIDATES)]
+        shape = [1, width, CANDIDATES]
+    else:
+        values = [v for row in rows for v in row]
+        shape = [1, CANDIDATES, width]
+    n0, w0 = constant_output("output0", values, shape)
+    n1, w1 = colour_prototypes("output1", coefficients)
+    outputs = [("output0", shape), ("output1", [1, coefficients, HEIGHT // 4, WIDTH // 4])]
+    return n0 + n1, w0 + w1, outputs
+
+
+IMAGES = ("images", [1, 3, HEIGHT, WIDTH])
+for version, columns in ((5, False), (8, True)):
+    nodes, weights, outputs = yolo_seg(columns)
+    write("tiny_yolov%d_seg.onnx" % version, model(nodes, weights, [IMAGES], outputs, NAMES))
+    if version == 5:
+        write("tiny_open_size.onnx", model(
+            nodes, weights, [("images", ["batch", 3, "height", "width"])],
+            [("output0", ["batch", "n", "values"]), ("output1", ["batch", 32, "h", "w"])], NAMES))
+        write("tiny_wrong_names.onnx", model(nodes, weights, [IMAGES], outputs, {"names": "{0: 'a', 1: 'b'}"}))
+
+# ------------------------------------------------------------------------- networks of another kind
+nodes, weights = constant_output("scores", [0.1, 0.2, 0.3, 0.4], [1, 4])
+write("tiny_classifier.onnx", model(nodes, weights, [IMAGES], [("scores", [1, 4])]))
+write("tiny_two_inputs.onnx", model(
+    [node("Add", ["left", "right"], ["sum"])], [], [("left", [1, 3, 8, 8]), ("right", [1, 3, 8, 8])],
+    [("sum", [1, 3, 8, 8])]))
