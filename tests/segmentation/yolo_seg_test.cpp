@@ -274,8 +274,8 @@ TEST(YoloSegSegmenter, FindsThePeopleOfARealImage) {
   const std::string folder = shared_data("kitchen_people");
   if (model.empty() || folder.empty()) GTEST_SKIP() << "needs the shared data (DYNSLAM_DATA)";
   YoloSegSegmenter segmenter(model);
-  const cv::Mat image = cv::imread(folder + "/rgb/1004.000000.jpg");
-  const cv::Mat truth = cv::imread(folder + "/mask/1004.000000.png", cv::IMREAD_UNCHANGED);
+  const cv::Mat image = cv::imread(folder + "/rgb/1006.600000.jpg");
+  const cv::Mat truth = cv::imread(folder + "/mask/1006.600000.png", cv::IMREAD_UNCHANGED);
   ASSERT_FALSE(image.empty());
   ASSERT_FALSE(truth.empty());
   const Segmentation found = segmenter.segment(image, {});
