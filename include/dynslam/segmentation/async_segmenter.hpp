@@ -1,0 +1,88 @@
+// Segmentation on a thread of its own, so that tracking never waits for a network.
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "dynslam/segmentation/segmenter.hpp"
+
+namespace dynslam::segmentation {
+
+/// What the worker finished: a segmentation and the frame it belongs to.
+struct AsyncResult {
+  std::uint64_t index = 0;  ///< `FrameInfo::index` of the frame
+  double timestamp = 0.0;   ///< seconds, of the frame
+  std::string name;         ///< of the frame
+  Segmentation segmentation;
+};
+
+/// What became of the frames so far. submitted = finished + failed + replaced + waiting + busy.
+struct AsyncStatus {
+  std::uint64_t submitted = 0;  ///< frames that `submit` accepted
+  std::uint64_t finished = 0;   ///< frames that were segmented
+  std::uint64_t failed = 0;     ///< frames at which the segmenter threw; the worker goes on
+  std::uint64_t replaced = 0;   ///< frames that gave way to a newer one before their turn
+  std::uint64_t waiting = 0;    ///< frames in the queue
+  bool busy = false;            ///< a frame is being segmented right now
+  bool stopped = false;         ///< `stop` was called: no frame is accepted any more
+  std::string last_error;       ///< message of the latest exception, empty if there was none
+  std::uint64_t last_failed_index = 0;  ///< `FrameInfo::index` of the frame it happened at
+};
+
+/// How many frames wait.
+struct AsyncOptions {
+  int queue_capacity = 1;   ///< frames that may wait, >= 1; a newer one pushes the oldest out
+  int result_capacity = 8;  ///< results kept for `take`, >= 1; a newer one pushes the oldest out
+
+  /// Throws InvalidArgument naming the member that breaks its rule.
+  void validate() const;
+};
+
+/// Runs a segmenter on a worker thread; the newest frame wins.
+///
+/// Constructing it is what asks for the thread. Destruction lets the frame in work finish (a
+/// forward cannot be interrupted), drops the waiting ones and joins. All members may be called from
+/// any thread at any time, except the destructor.
+class AsyncSegmenter {
+ public:
+  /// Takes the segmenter over. Throws InvalidArgument if it is null or an option breaks its rule.
+  explicit AsyncSegmenter(std::unique_ptr<Segmenter> segmenter, const AsyncOptions& options = {});
+  ~AsyncSegmenter();
+  AsyncSegmenter(const AsyncSegmenter&) = delete;
+  AsyncSegmenter& operator=(const AsyncSegmenter&) = delete;
+
+  /// Copies the image and its depth and queues them; never waits for the network. False after
+  /// `stop`. Throws InvalidArgument as `Segmenter::segment` does for what is not an image, in the
+  /// caller's thread, so that the mistake is seen where it was made. O(pixels).
+  bool submit(const cv::Mat& image, const FrameInfo& frame);
+
+  /// The oldest result that was not taken yet; nothing if there is none. Never waits.
+  std::optional<AsyncResult> take();
+
+  /// The same, but waits up to `timeout` for one while the worker has work; nothing when the time
+  /// is over, or at once if nothing is waiting, in work or finished.
+  std::optional<AsyncResult> wait(std::chrono::milliseconds timeout);
+
+  /// Waits until nothing is waiting or in work; false if that took longer than `timeout`.
+  bool wait_idle(std::chrono::milliseconds timeout);
+
+  /// Drops the waiting frames and accepts none any more; results stay. Returns at once, any number
+  /// of times.
+  void stop();
+
+  AsyncStatus status() const;
+
+  /// Of the segmenter; constant, so safe beside the worker.
+  const std::vector<std::string>& class_names() const;
+  SegmenterInfo info() const;
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace dynslam::segmentation

@@ -1,0 +1,74 @@
+// Carries masks from the frame they were made for to the newest frame.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include "dynslam/segmentation/segmenter.hpp"
+
+namespace dynslam::segmentation {
+
+/// How masks are carried.
+struct PropagationOptions {
+  int history = 16;           ///< frames kept, >= 2: a mask may be at most one less frames late
+  int max_points = 150;       ///< tracked per instance, >= 4 (engineering)
+  double max_error_px = 1.5;  ///< forward-backward error of a tracked point, > 0 (Kalal 2010)
+  int max_age = 15;           ///< frames after which an instance is given up, >= 1
+  double half_life = 5.0;     ///< frames in which confidence halves, > 0 (engineering)
+  bool follow_depth = true;   ///< refine carried masks with the depth of the frame, if it has any
+
+  /// Throws InvalidArgument naming the member that breaks its rule.
+  void validate() const;
+};
+
+/// Instances in the newest frame, some of them older than it.
+struct PropagatedSegmentation {
+  Segmentation segmentation;       ///< in the newest frame; score as at the source
+  std::uint64_t source_index = 0;  ///< frame that the masks were made for
+  int age = 0;                     ///< frames given since then; 0 = made for this frame
+  double age_seconds = 0.0;
+  std::vector<float> confidence;  ///< per instance, 0..1: falls with age and with lost points
+
+  /// Probability that a pixel moves, CV_32FC1 in [0, 1], image size: the largest confidence of the
+  /// instances in `chosen` (indices) that cover it; the border fades over `softness` pixels.
+  cv::Mat soft_mask(const std::vector<std::size_t>& chosen, int softness) const;
+};
+
+/// Remembers the last frames and carries the newest segmentation to the newest of them.
+///
+/// Inside every instance corners are tracked from its source frame to the newest (pyramidal
+/// Lucas-Kanade, forward and backward); the mask follows the smooth field of their motion, then the
+/// depth of the newest frame. An instance without tracked points keeps its place and loses
+/// confidence faster.
+///
+/// Not thread-safe: call it from the tracking thread, with results of `AsyncSegmenter::take`.
+class MaskPropagator {
+ public:
+  /// Throws InvalidArgument for bad options.
+  explicit MaskPropagator(const PropagationOptions& options = {});
+  ~MaskPropagator();
+  MaskPropagator(MaskPropagator&&) noexcept;
+  MaskPropagator& operator=(MaskPropagator&&) noexcept;
+
+  /// The next frame; `frame.index` must be larger than the last one's. Keeps a small grey copy, and
+  /// the depth until the next frame. Throws InvalidArgument as `Segmenter::segment` does, for an
+  /// index that does not grow, and for another image size than before. O(pixels).
+  void add_frame(const cv::Mat& image, const FrameInfo& frame);
+
+  /// A segmentation of frame `index`, which may be older than the newest. False, and nothing
+  /// happens, if that frame is not remembered any more or a newer segmentation is known already.
+  /// Throws InvalidArgument if its size is not that of the frames.
+  bool set_segmentation(std::uint64_t index, Segmentation segmentation);
+
+  /// The newest segmentation in the newest frame; nothing before both are there, or when it is
+  /// older than `max_age`. Computed on the first call after a change, then kept.
+  std::optional<PropagatedSegmentation> current();
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace dynslam::segmentation
