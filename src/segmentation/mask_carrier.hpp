@@ -1,0 +1,94 @@
+// Moves masks from one image to another by the motion of the corners inside them.
+#pragma once
+
+#include <vector>
+
+#include <opencv2/core.hpp>
+
+#include "dynslam/segmentation/segmenter.hpp"
+
+namespace dynslam::segmentation {
+
+/// A grey image at half resolution with the pyramid that optical flow needs.
+struct FlowImage {
+  cv::Size full;  ///< of the image it was made from
+  cv::Mat grey;   ///< half resolution
+  std::vector<cv::Mat> pyramid;
+
+  bool empty() const { return grey.empty(); }
+};
+
+/// `image` as `Segmenter::segment` takes it.
+FlowImage make_flow_image(const cv::Mat& image);
+
+struct CarryOptions {
+  int max_points = 150;       ///< per instance
+  double max_error_px = 1.5;  ///< forward and backward, full resolution
+};
+
+/// Corners inside an instance: where they were in the instance's own image, and where they are now.
+/// Half resolution.
+struct PointTracks {
+  std::vector<cv::Point2f> from;
+  std::vector<cv::Point2f> to;
+  std::vector<cv::Point2f> step;  ///< of the last advance, to predict the next
+  int tried = 0;                  ///< corners at the start
+
+  double tracked() const { return tried > 0 ? static_cast<double>(from.size()) / tried : 0.0; }
+};
+
+/// Corners inside every instance of `image`.
+std::vector<PointTracks> start_tracks(const FlowImage& image,
+                                      const std::vector<Instance>& instances,
+                                      const CarryOptions& options);
+
+/// Follows the corners from one image to the next; those that are lost go.
+void advance_tracks(std::vector<PointTracks>& tracks, const FlowImage& from, const FlowImage& to,
+                    const CarryOptions& options);
+
+/// An instance in another image. `tracked` is the share of its corners that were found again, 0 if
+/// there were none to follow (then it keeps its place); the box is empty if it left the image.
+struct CarriedInstance {
+  Instance instance;
+  double tracked = 0.0;
+};
+
+/// Drops corners that are at another depth now than their instance was (`expected`, one value an
+/// instance, metres, 0 = unknown): they stayed on what came before it or behind it. Keeps them all
+/// where that would be most of them.
+void drop_foreign_corners(std::vector<PointTracks>& tracks, DepthView depth,
+                          const std::vector<float>& expected);
+
+/// Moves instances as their corners moved, in an image of size `full`.
+std::vector<CarriedInstance> move_instances(const std::vector<Instance>& instances,
+                                            const std::vector<PointTracks>& tracks, cv::Size full);
+
+/// All three in one: carries instances from the image `from` to the image `to` of the same size.
+/// The result has one entry for each instance.
+std::vector<CarriedInstance> carry_instances(const FlowImage& from, const FlowImage& to,
+                                             const std::vector<Instance>& instances,
+                                             const CarryOptions& options);
+
+/// How far from an instance's median depth its pixels may be, and its median from one frame to the
+/// next, as a share of the depth.
+inline constexpr float kMaxDepthJump = 0.15F;
+
+/// Median of the depths under the mask (every second pixel); 0 if there are hardly any.
+float median_depth(const Instance& instance, DepthView depth);
+
+/// Takes out of a carried mask what is farther than `kMaxDepthJump` from the depth that the
+/// instance had: what came before it, or what it left behind. Gives the share of the measured
+/// pixels that stayed; 1, and nothing happens, without depth.
+double keep_depth(Instance& instance, DepthView depth, float expected);
+
+/// Pixels that two instances share, and the pixels of each.
+struct Overlap {
+  int both = 0;
+  int first = 0;
+  int second = 0;
+  double iou() const;
+  double of_smaller() const;
+};
+Overlap overlap_of(const Instance& first, const Instance& second);
+
+}  // namespace dynslam::segmentation
