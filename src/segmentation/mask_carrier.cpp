@@ -210,7 +210,8 @@ void drop_foreign_corners(std::vector<PointTracks>& tracks, DepthView depth,
     if (expected[i] <= 0.0F) continue;
     std::vector<std::size_t> good;
     for (std::size_t k = 0; k < track.to.size(); ++k) {
-      const int x = std::clamp(static_cast<int>(std::lround(2 * track.to[k].x)), 0, depth.width - 1);
+      const int x =
+          std::clamp(static_cast<int>(std::lround(2 * track.to[k].x)), 0, depth.width - 1);
       const int y =
           std::clamp(static_cast<int>(std::lround(2 * track.to[k].y)), 0, depth.height - 1);
       const float z = depth(x, y);

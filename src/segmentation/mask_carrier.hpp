@@ -71,7 +71,7 @@ std::vector<CarriedInstance> carry_instances(const FlowImage& from, const FlowIm
 
 /// How far from an instance's median depth its pixels may be, and its median from one frame to the
 /// next, as a share of the depth.
-inline constexpr float kMaxDepthJump = 0.15F;
+inline constexpr float kMaxDepthJump = 0.10F;
 
 /// Median of the depths under the mask (every second pixel); 0 if there are hardly any.
 float median_depth(const Instance& instance, DepthView depth);
