@@ -42,6 +42,7 @@ struct SegmentOptions {
   std::string backend = "opencv";
   float score = seg::NetworkOptions().score_threshold;
   int threads = 0;
+  bool plain = false;
   bool json = false;
 };
 
@@ -274,6 +275,9 @@ class SegmentRun {
     factory.network.backend = seg::backend_from_name(options.backend);
     factory.network.score_threshold = options.score;
     factory.network.threads = options.threads;
+    factory.refine = !options.plain;
+    // Named images need not be of one camera, or in its order.
+    factory.refinement.bridge = !options.tum.empty();
     return seg::make_segmenter(options.segmenter, factory);
   }
   static seg::MaskPolicy make_policy(const SegmentOptions& options) {
@@ -345,7 +349,11 @@ CLI::App* add_segment_command(CLI::App& app, std::function<int()>& run) {
   command->footer(
       "Example: dynslam segment yolo-seg:yolov5n-seg.onnx --tum DIR --truth-masks DIR/mask "
       "--truth-value 1 --out OUT");
-  command->add_option("SEGMENTER", options->segmenter, "none | yolo-seg:M.onnx | recorded:DIR")
+  command
+      ->add_option(
+          "SEGMENTER", options->segmenter,
+          "none | yolo-seg:M.onnx | yolo:M.onnx | yolox:M.onnx | darknet:M.cfg,M.weights | "
+          "mask-rcnn:M.onnx | semantic:M.onnx | recorded:DIR")
       ->required();
   CLI::Option* images = command->add_option("IMAGE", options->images, "image files");
   CLI::Option* tum = command->add_option("--tum", options->tum, "recording in TUM RGB-D layout");
@@ -369,6 +377,8 @@ CLI::App* add_segment_command(CLI::App& app, std::function<int()>& run) {
       ->capture_default_str();
   command->add_option("--threads", options->threads, "of ONNX Runtime; 0: its own choice")
       ->check(CLI::Range(0, 1024));
+  command->add_flag("--plain", options->plain,
+                    "the network's own answers, without depth and memory");
   command->add_flag("--json", options->json, "print one JSON object and nothing else");
   command->callback([options, &run] {
     if (options->images.empty() && options->tum.empty()) {

@@ -4,6 +4,7 @@
 #include <utility>
 
 #include "dynslam/segmentation/mask_policy.hpp"
+#include "dynslam/segmentation/network_segmenters.hpp"
 #include "dynslam/segmentation/yolo_seg_segmenter.hpp"
 
 namespace dynslam::segmentation {
@@ -36,6 +37,29 @@ const std::vector<std::string>& coco_class_names() {
                                                  "refrigerator",  "book",         "clock",
                                                  "vase",          "scissors",     "teddy bear",
                                                  "hair drier",    "toothbrush"};
+  return names;
+}
+
+const std::vector<std::string>& coco91_class_names() {
+  static const std::vector<std::string> names = [] {
+    // The numbers that COCO's list of 91 does not use.
+    constexpr std::array<int, 10> kUnused = {12, 26, 29, 30, 45, 66, 68, 69, 71, 83};
+    std::vector<std::string> all = {"background"};
+    auto next = coco_class_names().begin();
+    for (int id = 1; id <= 90; ++id) {
+      const bool unused = std::find(kUnused.begin(), kUnused.end(), id) != kUnused.end();
+      all.push_back(unused ? "n/a" : *next++);
+    }
+    return all;
+  }();
+  return names;
+}
+
+const std::vector<std::string>& voc_class_names() {
+  static const std::vector<std::string> names = {
+      "background", "airplane", "bicycle",      "bird",  "boat",         "bottle", "bus",
+      "car",        "cat",      "chair",        "cow",   "dining table", "dog",    "horse",
+      "motorcycle", "person",   "potted plant", "sheep", "couch",        "train",  "tv"};
   return names;
 }
 

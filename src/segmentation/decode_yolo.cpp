@@ -73,4 +73,47 @@ void decode_yolov8(MatrixView columns, int classes, float score_threshold,
   }
 }
 
+void decode_yolox(MatrixView rows, int classes, int input_width, int input_height,
+                  float score_threshold, std::vector<Detection>& out) {
+  require(classes >= 1, "decode_yolox", "classes", classes, "at least 1");
+  require(rows.empty() || rows.width >= 5 + classes, "decode_yolox", "rows.width", rows.width,
+          "at least 5 + classes = " + std::to_string(5 + classes));
+  int cells = 0;
+  for (const int stride : {8, 16, 32}) cells += (input_width / stride) * (input_height / stride);
+  require(rows.height == cells, "decode_yolox", "rows.height", rows.height,
+          "the grid cells of strides 8, 16 and 32: " + std::to_string(cells));
+  int i = 0;
+  for (const int stride : {8, 16, 32}) {
+    const auto scale = static_cast<float>(stride);
+    for (int y = 0; y < input_height / stride; ++y) {
+      for (int x = 0; x < input_width / stride; ++x, ++i) {
+        const float* row = rows.row(i);
+        if (!(row[4] >= score_threshold)) continue;
+        const float* best = std::max_element(row + 5, row + 5 + classes);
+        const float score = row[4] * *best;
+        if (!(score >= score_threshold)) continue;
+        append_box((row[0] + static_cast<float>(x)) * scale,
+                   (row[1] + static_cast<float>(y)) * scale, std::exp(row[2]) * scale,
+                   std::exp(row[3]) * scale, score, static_cast<int>(best - row - 5), i, out);
+      }
+    }
+  }
+}
+
+void decode_darknet(MatrixView rows, int classes, int input_width, int input_height,
+                    float score_threshold, std::vector<Detection>& out) {
+  require(classes >= 1, "decode_darknet", "classes", classes, "at least 1");
+  require(rows.empty() || rows.width >= 5 + classes, "decode_darknet", "rows.width", rows.width,
+          "at least 5 + classes = " + std::to_string(5 + classes));
+  const auto width = static_cast<float>(input_width);
+  const auto height = static_cast<float>(input_height);
+  for (int i = 0; i < rows.height; ++i) {
+    const float* row = rows.row(i);
+    const float* best = std::max_element(row + 5, row + 5 + classes);
+    if (!(*best >= score_threshold)) continue;
+    append_box(row[0] * width, row[1] * height, row[2] * width, row[3] * height, *best,
+               static_cast<int>(best - row - 5), i, out);
+  }
+}
+
 }  // namespace dynslam::segmentation

@@ -21,15 +21,19 @@ void NetworkOptions::validate() const {
 
 InputSize input_size_of(const OnnxFile& file, const NetworkOptions& options) {
   const auto& inputs = file.inputs;
-  const bool fits = inputs.size() == 1 && inputs[0].shape.size() == 4 &&
-                    (inputs[0].shape[0] == 1 || inputs[0].shape[0] == -1) &&
-                    (inputs[0].shape[1] == 3 || inputs[0].shape[1] == -1);
+  // torchvision's detectors take an image without a batch.
+  const std::size_t rank = inputs.size() == 1 ? inputs[0].shape.size() : 0;
+  const auto is_or_open = [&](std::size_t axis, std::int64_t value) {
+    return inputs[0].shape[axis] == value || inputs[0].shape[axis] == -1;
+  };
+  const bool fits =
+      (rank == 4 && is_or_open(0, 1) && is_or_open(1, 3)) || (rank == 3 && is_or_open(0, 3));
   if (!fits) {
     throw_io_error(file.path,
                    "takes " + tensors_text(inputs) + "; expected one image input 1x3xHEIGHTxWIDTH");
   }
-  const std::int64_t height = inputs[0].shape[2];
-  const std::int64_t width = inputs[0].shape[3];
+  const std::int64_t height = inputs[0].shape[rank - 2];
+  const std::int64_t width = inputs[0].shape[rank - 1];
   const bool open = height < 0 || width < 0;
   if (open) {
     require(options.input_width > 0, "NetworkOptions", "input_width, input_height",

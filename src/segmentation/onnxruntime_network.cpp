@@ -4,7 +4,6 @@
 
 #define ORT_API_MANUAL_INIT
 #include <algorithm>
-#include <array>
 
 #include <onnxruntime_cxx_api.h>
 
@@ -69,6 +68,7 @@ class OnnxRuntimeNetwork final : public Network {
         env_(ORT_LOGGING_LEVEL_FATAL, "dynslam", be_silent, nullptr),
         memory_(Ort::MemoryInfo::CreateCpu(OrtArenaAllocator, OrtMemTypeDefault)),
         shape_{1, 3, size.height, size.width} {
+    if (file.inputs[0].shape.size() == 3) shape_.erase(shape_.begin());
     Ort::SessionOptions options;
     options.SetGraphOptimizationLevel(GraphOptimizationLevel::ORT_ENABLE_ALL);
     options.SetIntraOpNumThreads(threads);
@@ -87,7 +87,8 @@ class OnnxRuntimeNetwork final : public Network {
 
   const std::vector<NetworkOutput>& run(const float* input) override {
     try {
-      const std::size_t count = static_cast<std::size_t>(shape_[1] * shape_[2] * shape_[3]);
+      std::size_t count = 1;
+      for (const std::int64_t axis : shape_) count *= static_cast<std::size_t>(axis);
       const Ort::Value tensor = Ort::Value::CreateTensor<float>(
           memory_, const_cast<float*>(input), count, shape_.data(), shape_.size());
       const char* input_name = input_.c_str();
@@ -127,7 +128,7 @@ class OnnxRuntimeNetwork final : public Network {
   std::string path_;
   Ort::Env env_;
   Ort::MemoryInfo memory_;
-  std::array<std::int64_t, 4> shape_;
+  std::vector<std::int64_t> shape_;
   Ort::Session session_{nullptr};
   std::string input_;
   std::vector<std::string> names_;

@@ -29,4 +29,19 @@ void decode_yolov5(MatrixView rows, int classes, float score_threshold,
 void decode_yolov8(MatrixView columns, int classes, float score_threshold,
                    std::vector<Detection>& out);
 
+/// YOLOX, raw export: a row a candidate in the order of strides 8, 16, 32 and of their grids by
+/// rows; x = (v0 + column) * stride, y = (v1 + row) * stride, width = exp(v2) * stride, height =
+/// exp(v3) * stride, then objectness and `classes` class probabilities. Score = objectness x best
+/// class. Throws InvalidArgument if rows are shorter than 5 + classes, or if there are not as many
+/// as the grids of an input of `input_width` x `input_height` pixels have cells. Cost as
+/// decode_yolov5.
+void decode_yolox(MatrixView rows, int classes, int input_width, int input_height,
+                  float score_threshold, std::vector<Detection>& out);
+
+/// Darknet's yolo and region layers as OpenCV gives them: a row a candidate; cx, cy, w, h as shares
+/// of the input's width and height, objectness, then `classes` scores that already hold the
+/// objectness. Throws InvalidArgument if rows are shorter than 5 + classes. Cost as decode_yolov5.
+void decode_darknet(MatrixView rows, int classes, int input_width, int input_height,
+                    float score_threshold, std::vector<Detection>& out);
+
 }  // namespace dynslam::segmentation
