@@ -315,73 +315,56 @@ bool DepthWindow::on_side(int cell) const {
   return (open_left_ && x == 0) || (open_right_ && x + 1 == width_);
 }
 
+bool DepthWindow::continues(int cell, int from) const {
+  const int y = cell / width_;
+  return !(state_[static_cast<std::size_t>(cell)] & (kIn | kVisited)) && y >= near_top_ &&
+         y < near_bottom_ && growable(cell) &&
+         one_surface(z_[static_cast<std::size_t>(cell)], z_[static_cast<std::size_t>(from)]);
+}
+
+// Gathers the region outside the mask that starts at `start` in the queue, and in `rim` its cells
+// next to the mask; how many of its cells are at an open side of the window.
+int DepthWindow::flood_beside(int start, std::vector<int>& rim) {
+  queue_.clear();
+  queue_.push_back(start);
+  rim.clear();
+  state_[static_cast<std::size_t>(start)] |= kVisited;
+  int sides = 0;
+  for (std::size_t next = 0; next < queue_.size(); ++next) {
+    const int cell = queue_[next];
+    sides += on_side(cell) ? 1 : 0;
+    int around[4];
+    const int count = neighbours(cell, around);
+    bool touches = false;
+    for (int i = 0; i < count; ++i) {
+      touches |= (state_[static_cast<std::size_t>(around[i])] & kIn) != 0;
+      if (!continues(around[i], cell)) continue;
+      state_[static_cast<std::size_t>(around[i])] |= kVisited;
+      queue_.push_back(around[i]);
+    }
+    if (touches) rim.push_back(cell);
+  }
+  return sides;
+}
+
 void DepthWindow::grow_beside_the_mask() {
   // Every region outside the mask that continues it is judged as a whole: what is large or goes on
   // beyond the window is something that the thing stands at. Of such a region only the rim next to
   // the mask is taken.
-  constexpr int kRim = 3;
-  std::vector<int> seeds;
+  std::vector<int> seeds, rim, accepted;
   for (int cell = 0; cell < width_ * height_; ++cell) {
     if (state_[static_cast<std::size_t>(cell)] & kIn) seeds.push_back(cell);
   }
-  std::vector<std::uint8_t> distance(state_.size(), 0);
-  std::vector<int> accepted;
   for (const int seed : seeds) {
     int around[4];
     const int count = neighbours(seed, around);
     for (int i = 0; i < count; ++i) {
-      const int start = around[i];
-      const auto fits = [&](int cell, int from) {
-        const int y = cell / width_;
-        return !(state_[static_cast<std::size_t>(cell)] & (kIn | kVisited)) && y >= near_top_ &&
-               y < near_bottom_ && growable(cell) &&
-               one_surface(z_[static_cast<std::size_t>(cell)], z_[static_cast<std::size_t>(from)]);
-      };
-      if (!fits(start, seed)) continue;
-      queue_.clear();
-      queue_.push_back(start);
-      state_[static_cast<std::size_t>(start)] |= kVisited;
-      int sides = 0;
-      for (std::size_t next = 0; next < queue_.size(); ++next) {
-        const int cell = queue_[next];
-        sides += on_side(cell) ? 1 : 0;
-        int near[4];
-        const int near_count = neighbours(cell, near);
-        bool touches = false;
-        for (int k = 0; k < near_count; ++k) {
-          touches |= (state_[static_cast<std::size_t>(near[k])] & kIn) != 0;
-          if (fits(near[k], cell)) {
-            state_[static_cast<std::size_t>(near[k])] |= kVisited;
-            queue_.push_back(near[k]);
-          }
-        }
-        distance[static_cast<std::size_t>(cell)] = touches ? 1 : 0;
-      }
+      if (!continues(around[i], seed)) continue;
+      const int sides = flood_beside(around[i], rim);
       const bool whole =
-          static_cast<double>(queue_.size()) <= options_.max_growth * mask_cells_ && sides <= 2;
-      if (whole) {
-        accepted.insert(accepted.end(), queue_.begin(), queue_.end());
-        continue;
-      }
-      // Breadth-first from the cells that touch the mask.
-      std::vector<int> rim;
-      for (const int cell : queue_) {
-        if (distance[static_cast<std::size_t>(cell)] == 1) rim.push_back(cell);
-      }
-      for (std::size_t next = 0; next < rim.size(); ++next) {
-        const int cell = rim[next];
-        accepted.push_back(cell);
-        if (distance[static_cast<std::size_t>(cell)] >= kRim) continue;
-        int near[4];
-        const int near_count = neighbours(cell, near);
-        for (int k = 0; k < near_count; ++k) {
-          auto& steps = distance[static_cast<std::size_t>(near[k])];
-          const auto state = state_[static_cast<std::size_t>(near[k])];
-          if (steps != 0 || !(state & kVisited) || (state & kIn)) continue;
-          steps = static_cast<std::uint8_t>(distance[static_cast<std::size_t>(cell)] + 1);
-          rim.push_back(near[k]);
-        }
-      }
+          sides <= 2 && static_cast<double>(queue_.size()) <= options_.max_growth * mask_cells_;
+      const std::vector<int>& taken = whole ? queue_ : rim;
+      accepted.insert(accepted.end(), taken.begin(), taken.end());
     }
   }
   for (const int cell : accepted) state_[static_cast<std::size_t>(cell)] |= kIn;

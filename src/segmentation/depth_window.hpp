@@ -63,6 +63,8 @@ class DepthWindow {
   int neighbours(int cell, int out[4]) const;
   bool on_side(int cell) const;
   int flood_foreign_surface(int start);
+  bool continues(int cell, int from) const;
+  int flood_beside(int start, std::vector<int>& rim);
   bool hidden_from_the_mask(const std::vector<int>& component) const;
   void clear_visited();
 

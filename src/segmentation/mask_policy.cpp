@@ -8,16 +8,50 @@
 #include "dynslam/core/errors.hpp"
 
 namespace dynslam::segmentation {
+namespace {
+
+void require_instances_in_image(const Segmentation& segmentation) {
+  const cv::Rect image(0, 0, segmentation.width, segmentation.height);
+  for (const Instance& instance : segmentation.instances) {
+    const cv::Rect& box = instance.box;
+    if ((box & image) != box || box.empty()) {
+      throw_invalid_argument("MaskPolicy", "box",
+                             std::to_string(box.width) + "x" + std::to_string(box.height) + " at " +
+                                 std::to_string(box.x) + ", " + std::to_string(box.y),
+                             "a box inside the image");
+    }
+    if (instance.mask.type() != CV_8UC1 || instance.mask.size() != box.size()) {
+      throw_invalid_argument("MaskPolicy", "mask",
+                             std::to_string(instance.mask.cols) + "x" +
+                                 std::to_string(instance.mask.rows) + " of " +
+                                 cv::typeToString(instance.mask.type()),
+                             "CV_8UC1 of the box's size");
+    }
+  }
+}
+
+void paint(const Instance& instance, cv::Mat& mask) {
+  cv::Mat window = mask(instance.box);
+  cv::bitwise_or(window, instance.mask, window);
+}
+
+}  // namespace
 
 void MaskPolicyOptions::validate() const {
   require(min_score >= 0.0F && min_score <= 1.0F, "MaskPolicyOptions", "min_score", min_score,
           "a number from 0 to 1");
   require(dilation_px >= 0 && dilation_px <= 100, "MaskPolicyOptions", "dilation_px", dilation_px,
           "0 to 100 pixels");
-  for (const std::string& name : classes) {
-    require(!canonical_class_name(name).empty(), "MaskPolicyOptions", "classes", "an empty name",
-            "names of classes");
-  }
+  require(touch_px >= 0 && touch_px <= 100, "MaskPolicyOptions", "touch_px", touch_px,
+          "0 to 100 pixels");
+  const auto check_names = [](const std::vector<std::string>& names, const char* member) {
+    for (const std::string& name : names) {
+      require(!canonical_class_name(name).empty(), "MaskPolicyOptions", member, "an empty name",
+              "names of classes");
+    }
+  };
+  check_names(classes, "classes");
+  check_names(touched_classes, "touched_classes");
 }
 
 MaskPolicy::MaskPolicy(const MaskPolicyOptions& options) : options_(options) {
@@ -29,43 +63,56 @@ MaskPolicy::MaskPolicy(const MaskPolicyOptions& options) : options_(options) {
       canonical_.push_back(canonical_class_name(name));
     }
   }
+  for (const std::string& name : options_.touched_classes) {
+    touched_.push_back(canonical_class_name(name));
+  }
+}
+
+bool MaskPolicy::in_list(const Instance& instance, const std::vector<std::string>& class_names,
+                         const std::vector<std::string>& list) const {
+  if (!(instance.score >= options_.min_score)) return false;
+  const auto id = static_cast<std::size_t>(instance.class_id);
+  if (instance.class_id < 0 || id >= class_names.size()) return false;
+  return std::find(list.begin(), list.end(), canonical_class_name(class_names[id])) != list.end();
 }
 
 bool MaskPolicy::is_dynamic(const Instance& instance,
                             const std::vector<std::string>& class_names) const {
-  if (!(instance.score >= options_.min_score)) return false;
-  if (every_class_) return true;
-  const auto id = static_cast<std::size_t>(instance.class_id);
-  if (instance.class_id < 0 || id >= class_names.size()) return false;
-  const std::string name = canonical_class_name(class_names[id]);
-  return std::find(canonical_.begin(), canonical_.end(), name) != canonical_.end();
+  if (every_class_) return instance.score >= options_.min_score;
+  return in_list(instance, class_names, canonical_);
+}
+
+std::vector<std::size_t> MaskPolicy::dynamic_instances(
+    const Segmentation& segmentation, const std::vector<std::string>& class_names) const {
+  require_instances_in_image(segmentation);
+  const auto& instances = segmentation.instances;
+  std::vector<std::size_t> chosen;
+  std::vector<std::size_t> candidates;
+  for (std::size_t i = 0; i < instances.size(); ++i) {
+    if (is_dynamic(instances[i], class_names)) {
+      chosen.push_back(i);
+    } else if (in_list(instances[i], class_names, touched_)) {
+      candidates.push_back(i);
+    }
+  }
+  if (candidates.empty() || chosen.empty()) return chosen;
+  cv::Mat reach(segmentation.height, segmentation.width, CV_8UC1, cv::Scalar(0));
+  for (const std::size_t i : chosen) paint(instances[i], reach);
+  dilate_mask(reach, options_.touch_px);
+  for (const std::size_t i : candidates) {
+    if (cv::countNonZero(reach(instances[i].box) & instances[i].mask) > 0) chosen.push_back(i);
+  }
+  std::sort(chosen.begin(), chosen.end());
+  return chosen;
 }
 
 void MaskPolicy::mask(const Segmentation& segmentation, const std::vector<std::string>& class_names,
                       cv::Mat& mask) const {
-  const cv::Rect image(0, 0, segmentation.width, segmentation.height);
-  for (const Instance& instance : segmentation.instances) {
-    require((instance.box & image) == instance.box && !instance.box.empty(), "MaskPolicy::mask",
-            "box",
-            std::to_string(instance.box.width) + "x" + std::to_string(instance.box.height) +
-                " at " + std::to_string(instance.box.x) + ", " + std::to_string(instance.box.y),
-            "a box inside the image");
-    require(instance.mask.type() == CV_8UC1 && instance.mask.size() == instance.box.size(),
-            "MaskPolicy::mask", "mask",
-            std::to_string(instance.mask.cols) + "x" + std::to_string(instance.mask.rows) + " of " +
-                cv::typeToString(instance.mask.type()),
-            "CV_8UC1 of the box's size");
-  }
+  const auto chosen = dynamic_instances(segmentation, class_names);
   mask.create(segmentation.height, segmentation.width, CV_8UC1);
   mask.setTo(0);
-  bool any = false;
-  for (const Instance& instance : segmentation.instances) {
-    if (!is_dynamic(instance, class_names)) continue;
-    cv::Mat window = mask(instance.box);
-    cv::bitwise_or(window, instance.mask, window);
-    any = true;
-  }
-  if (any) dilate_mask(mask, options_.dilation_px);
+  for (const std::size_t i : chosen) paint(segmentation.instances[i], mask);
+  if (!chosen.empty()) dilate_mask(mask, options_.dilation_px);
 }
 
 cv::Mat MaskPolicy::mask(const Segmentation& segmentation,
@@ -119,6 +166,13 @@ void dilate_mask(cv::Mat& mask, int radius) {
       }
     }
   }
+}
+
+int dilation_at_level(double patch_radius, double scale, int level) {
+  require(patch_radius >= 0.0, "dilation_at_level", "patch_radius", patch_radius, "at least 0");
+  require(scale >= 1.0, "dilation_at_level", "scale", scale, "at least 1");
+  require(level >= 0, "dilation_at_level", "level", level, "at least 0");
+  return static_cast<int>(std::min(std::ceil(patch_radius * std::pow(scale, level)), 100.0));
 }
 
 }  // namespace dynslam::segmentation

@@ -77,6 +77,29 @@ TEST(MaskPolicy, TakesTheClassesItIsTold) {
   EXPECT_EQ(cv::countNonZero(MaskPolicy(options).mask(scene(), coco_class_names())), 0);
 }
 
+TEST(MaskPolicy, TakesWhatADynamicInstanceTouches) {
+  Segmentation found = scene();
+  found.instances.push_back(solid(56, 0.9F, {33, 15, 10, 10}));  // a chair 3 pixels off the person
+  found.instances.push_back(solid(56, 0.9F, {44, 15, 10, 10}));  // and one beside that chair
+  MaskPolicyOptions options;
+  options.touched_classes = {"chair"};
+  const MaskPolicy policy(options);
+  EXPECT_EQ(policy.dynamic_instances(found, coco_class_names()), (std::vector<std::size_t>{0, 3}));
+  options.touch_px = 3;
+  EXPECT_EQ(MaskPolicy(options).dynamic_instances(found, coco_class_names()).size(), 1U);
+  found.instances.erase(found.instances.begin());
+  EXPECT_TRUE(policy.dynamic_instances(found, coco_class_names()).empty()) << "nobody is there";
+}
+
+TEST(DilationAtLevel, GrowsWithTheLevel) {
+  EXPECT_EQ(dilation_at_level(15.0, 1.2, 0), 15);
+  EXPECT_EQ(dilation_at_level(15.0, 1.2, 2), 22);
+  EXPECT_EQ(dilation_at_level(50.0, 2.0, 7), 100);
+  EXPECT_THROW(dilation_at_level(-1.0, 1.2, 0), InvalidArgument);
+  EXPECT_THROW(dilation_at_level(1.0, 0.9, 0), InvalidArgument);
+  EXPECT_THROW(dilation_at_level(1.0, 1.2, -1), InvalidArgument);
+}
+
 TEST(MaskPolicy, KnowsBothSpellingsOfAClass) {
   EXPECT_EQ(canonical_class_name("motorbike"), canonical_class_name("Motorcycle"));
   EXPECT_EQ(canonical_class_name("dining_table"), canonical_class_name("diningtable"));
@@ -120,6 +143,8 @@ TEST(MaskPolicyOptions, AreCheckedByName) {
           [](MaskPolicyOptions& o) { o.min_score = std::numeric_limits<float>::quiet_NaN(); });
   refused("dilation_px", [](MaskPolicyOptions& o) { o.dilation_px = -1; });
   refused("dilation_px", [](MaskPolicyOptions& o) { o.dilation_px = 101; });
+  refused("touch_px", [](MaskPolicyOptions& o) { o.touch_px = -1; });
+  refused("touched_classes", [](MaskPolicyOptions& o) { o.touched_classes = {""}; });
   refused("classes", [](MaskPolicyOptions& o) { o.classes = {"person", " "}; });
 }
 

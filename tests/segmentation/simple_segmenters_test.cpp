@@ -156,9 +156,28 @@ TEST(SegmenterFactory, MakesWhatTheNameSays) {
             "yolov5-seg");
 }
 
+TEST(SegmenterFactory, MakesEveryKindOfNetwork) {
+  const std::string darknet =
+      test_file("tiny_darknet.cfg") + "," + test_file("tiny_darknet.weights");
+  const std::vector<std::pair<std::string, std::string>> kinds = {
+      {"yolo-seg:" + test_file("tiny_yolov8_seg.onnx"), "yolov8-seg"},
+      {"yolo-seg:" + test_file("tiny_open_size.onnx") + "@96x64", "yolov5-seg"},
+      {"yolo:" + test_file("tiny_yolov5.onnx"), "yolov5"},
+      {"yolox:" + test_file("tiny_yolox.onnx"), "yolox"},
+      {"darknet:" + darknet, "darknet"},
+      {"semantic:" + test_file("tiny_semantic.onnx"), "semantic"}};
+  for (const auto& [spec, kind] : kinds) {
+    for (const bool refine : {true, false}) {
+      SegmenterFactoryOptions options;
+      options.refine = refine;
+      EXPECT_EQ(make_segmenter(spec, options)->info().kind, kind) << spec;
+    }
+  }
+}
+
 TEST(SegmenterFactory, ListsTheKindsForAnUnknownName) {
   for (const char* spec :
-       {"", "yolo", "yolo-seg", "yolo-seg:", "none:x", "recorded", "Recorded:x"}) {
+       {"", "yolo", "yolo-seg", "yolo-seg:", "none:x", "recorded", "Recorded:x", "darknet:a.cfg"}) {
     const std::string message = message_of<InvalidArgument>([&] { make_segmenter(spec); });
     EXPECT_NE(message.find("yolo-seg:MODEL.onnx"), std::string::npos) << spec << ": " << message;
   }

@@ -23,6 +23,11 @@ struct MaskPolicyOptions {
   /// airplane/aeroplane, couch/sofa, ...) are the same class. Names that a
   /// segmenter does not know are ignored; "*" stands for every class.
   std::vector<std::string> classes = default_dynamic_classes();
+  /// Names of classes that move only when somebody touches them (a chair, a bag): such an instance
+  /// is dynamic if its mask comes within `touch_px` of the mask of a dynamic one. Spelled as
+  /// `classes`.
+  std::vector<std::string> touched_classes;
+  int touch_px = 5;        ///< 0..100 (engineering)
   float min_score = 0.3F;  ///< instances below are ignored; 0..1 (engineering)
   int dilation_px = 3;     ///< the mask grows by this many pixels, 0..255 (ORB
                            ///< patches reach over)
@@ -45,6 +50,12 @@ class MaskPolicy {
   /// outside `class_names` only matches "*".
   bool is_dynamic(const Instance& instance, const std::vector<std::string>& class_names) const;
 
+  /// Which instances are dynamic: by class and score, and those of the touched classes that a
+  /// dynamic one touches (once: what is touched does not pass it on). Indices, ascending. Throws as
+  /// `mask`.
+  std::vector<std::size_t> dynamic_instances(const Segmentation& segmentation,
+                                             const std::vector<std::string>& class_names) const;
+
   /// Union of the dynamic instances' masks, dilated: 8UC1 of the segmented
   /// image's size, 0 static, 255 dynamic. Written into `mask`, which is reused
   /// if it has the size already. `as_view<const std::uint8_t>(mask)` is the
@@ -61,7 +72,11 @@ class MaskPolicy {
 
  private:
   MaskPolicyOptions options_;
+  bool in_list(const Instance& instance, const std::vector<std::string>& class_names,
+               const std::vector<std::string>& list) const;
+
   std::vector<std::string> canonical_;
+  std::vector<std::string> touched_;
   bool every_class_ = false;
 };
 
@@ -74,5 +89,11 @@ std::string canonical_class_name(const std::string& name);
 /// `radius` (Euclidean disc). O(pixels x radius) with OpenCV's filters; nothing
 /// for radius 0.
 void dilate_mask(cv::Mat& mask, int radius);
+
+/// How far a mask must reach at a level of an image pyramid so that a descriptor patch of
+/// `patch_radius` pixels of that level stays off it: ceil(patch_radius * scale^level) pixels of the
+/// full image, at most 100 (ORB: radius 15, scale 1.2). Throws InvalidArgument for a negative
+/// radius or level or a scale below 1.
+int dilation_at_level(double patch_radius, double scale, int level);
 
 }  // namespace dynslam::segmentation

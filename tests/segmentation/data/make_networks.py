@@ -154,9 +154,93 @@ for version, columns in ((5, False), (8, True)):
             [("output0", ["batch", "n", "values"]), ("output1", ["batch", 32, "h", "w"])], NAMES))
         write("tiny_wrong_names.onnx", model(nodes, weights, [IMAGES], outputs, {"names": "{0: 'a', 1: 'b'}"}))
 
+# ------------------------------------------------------------------------- boxes only
+def yolox():
+    """Raw head: two cells of 64 x 64 (84 cells) see something, one at stride 8 and one at stride 32."""
+    rows = [[0.0, 0.0, 0.0, 0.0, 0.01, 0.1, 0.1] for _ in range(64 + 16 + 4)]
+    # stride 8, column 3, row 2: centre (3.5 * 8, 2.25 * 8), size 8 * exp(1.0986) = 24 x 16
+    rows[2 * 8 + 3] = [0.5, 0.25, 1.0986123, 0.6931472, 0.9, 0.1, 0.9]
+    # stride 32, column 1, row 0: centre (1.5 * 32, 0.5 * 32), size 32 x 32
+    rows[64 + 16 + 1] = [0.5, 0.5, 0.0, 0.0, 0.8, 0.9, 0.1]
+    return rows
+
+
+rows = yolox()
+nodes, weights = constant_output("output", [v for r in rows for v in r], [1, 84, 7])
+write("tiny_yolox.onnx", model(nodes, weights, [("images", [1, 3, 64, 64])], [("output", [1, 84, 7])],
+                               {"names": "{0: 'person', 1: 'ball'}"}))
+rows = [[8.0, 8.0, 4.0, 4.0, 0.01, 0.1, 0.1] for _ in range(40)]
+rows[5] = [32.0, 24.0, 20.0, 16.0, 0.9, 0.1, 0.9]
+nodes, weights = constant_output("output", [v for r in rows for v in r], [1, 40, 7])
+write("tiny_yolov5.onnx", model(nodes, weights, [("images", [1, 3, 64, 64])], [("output", [1, 40, 7])]))
+
+# ------------------------------------------------------------------------- Mask R-CNN, torchvision
+def mask_rcnn():
+    """An image without a batch goes in; boxes, labels (int64), scores and 28 x 28 masks come out.
+    Runs in ONNX Runtime only, so it may use constants that do not depend on the image."""
+    boxes = [8.0, 8.0, 40.0, 56.0, 50.0, 10.0, 60.0, 20.0, 0.0, 0.0, 5.0, 5.0]
+    masks = []
+    for i in range(3):
+        for y in range(28):
+            masks += [0.9 if x < 14 else 0.1 for x in range(28)]
+    weights = [
+        tensor("boxes_c", [3, 4], boxes), tensor("labels", [3], [1, 18, 3], INT64),
+        tensor("scores_c", [3], [0.95, 0.6, 0.1]), tensor("masks_c", [3, 1, 28, 28], masks),
+        tensor("zero", [1], [0.0]),
+    ]
+    nodes = [
+        node("ReduceMean", ["image"], ["mean"], axes=[0, 1, 2], keepdims=0),
+        node("Mul", ["mean", "zero"], ["nothing"]),
+        node("Add", ["boxes_c", "nothing"], ["boxes"]),
+        node("Identity", ["labels"], ["labels_out"]),
+        node("Add", ["scores_c", "nothing"], ["scores"]),
+        node("Add", ["masks_c", "nothing"], ["masks"]),
+    ]
+    outputs = [("boxes", [3, 4]), ("scores", [3]), ("masks", [3, 1, 28, 28])]
+    body = model(nodes, weights, [("image", [3, 64, 96])], outputs)
+    return nodes, weights, outputs, body
+
+
+def value_info_int64(name, dims):
+    shape = b"".join(message(1, number(1, d)) for d in dims)
+    return message(1, name) + message(2, message(1, number(1, INT64) + message(2, shape)))
+
+
+def mask_rcnn_model():
+    nodes, weights, _, _ = mask_rcnn()
+    graph = b"".join(message(1, n) for n in nodes) + message(2, "tiny")
+    graph += b"".join(message(5, w) for w in weights)
+    graph += message(11, value_info("image", [3, 64, 96]))
+    graph += message(12, value_info("boxes", [3, 4])) + message(12, value_info_int64("labels_out", [3]))
+    graph += message(12, value_info("scores", [3])) + message(12, value_info("masks", [3, 1, 28, 28]))
+    body = number(1, 8) + message(2, "dynslam tests") + message(7, graph)
+    return body + message(8, message(1, "") + number(2, 13))
+
+
+write("tiny_mask_rcnn.onnx", mask_rcnn_model())
+
+# ------------------------------------------------------------------------- semantic map
+# Class 1 where the (normalized) image is red, class 2 where it is green, else class 0; a quarter of the size.
+weights = [tensor("w", [3, 3, 1, 1], [0.0, 0.0, 0.0, 4.0, -4.0, -4.0, -4.0, 4.0, -4.0]),
+           tensor("b", [3], [0.0, 0.0, 0.0])]
+nodes = [node("AveragePool", ["image"], ["small"], kernel_shape=[4, 4], strides=[4, 4]),
+         node("Conv", ["small", "w", "b"], ["out"], kernel_shape=[1, 1])]
+write("tiny_semantic.onnx", model(nodes, weights, [("image", [1, 3, 64, 96])], [("out", [1, 3, 16, 24])],
+                                  {"names": "{0: 'background', 1: 'person', 2: 'plant'}"}))
+
 # ------------------------------------------------------------------------- networks of another kind
 nodes, weights = constant_output("scores", [0.1, 0.2, 0.3, 0.4], [1, 4])
 write("tiny_classifier.onnx", model(nodes, weights, [IMAGES], [("scores", [1, 4])]))
 write("tiny_two_inputs.onnx", model(
     [node("Add", ["left", "right"], ["sum"])], [], [("left", [1, 3, 8, 8]), ("right", [1, 3, 8, 8])],
     [("sum", [1, 3, 8, 8])]))
+
+# ------------------------------------------------------------------------- Darknet
+# One convolution that gives 3 anchors x (4 + 1 + 1 class) at 4 x 4 cells, weights 0: objectness and
+# class come from the biases, so that every cell sees a thing of the second anchor's size, 16 x 16.
+biases = []
+for anchor in range(3):
+    biases += [0.0, 0.0, 0.0, 0.0, 4.0 if anchor == 1 else -9.0, 4.0]
+count = 18 * 3 * 8 * 8
+header = struct.pack("<iiiq", 0, 2, 5, 0)
+write("tiny_darknet.weights", header + struct.pack("<18f", *biases) + struct.pack("<%df" % count, *([0.0] * count)))
