@@ -8,6 +8,9 @@
 
 namespace dynslam::segmentation {
 
+/// Whether a depth is a measurement (metres).
+inline bool measured(float z) { return z > 0.0F && z < 1e4F; }
+
 /// A depth image at half resolution: a cell is the first measured pixel of 2 x 2, 0 = none.
 struct HalfDepth {
   int width = 0;

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include <opencv2/core.hpp>
+#include <opencv2/imgproc.hpp>
 
 #include "dynslam/core/errors.hpp"
 
@@ -127,6 +128,20 @@ void dilate_mask(cv::Mat& mask, int radius) {
           cv::typeToString(mask.type()), "CV_8UC1 in two dimensions");
   require(radius >= 0 && radius <= 100, "dilate_mask", "radius", radius, "0 to 100 pixels");
   if (mask.empty() || radius == 0) return;
+  const auto half_height = [radius](int dx) {
+    return static_cast<int>(std::sqrt(static_cast<double>(radius * radius - dx * dx)));
+  };
+  // OpenCV's filter costs the area of the disc: faster for small ones.
+  if (radius <= 6) {
+    cv::Mat disc = cv::Mat::zeros(2 * radius + 1, 2 * radius + 1, CV_8UC1);
+    for (int dx = -radius; dx <= radius; ++dx) {
+      const int reach = half_height(dx);
+      disc(cv::Rect(radius + dx, radius - reach, 1, 2 * reach + 1)).setTo(1);
+    }
+    cv::dilate(mask, mask, disc);
+    cv::threshold(mask, mask, 0, 255, cv::THRESH_BINARY);
+    return;
+  }
   const int width = mask.cols;
   const int height = mask.rows;
 
@@ -157,8 +172,7 @@ void dilate_mask(cv::Mat& mask, int radius) {
     std::uint8_t* out = mask.ptr(y);
     std::fill(out, out + width, std::uint8_t{0});
     for (int dx = -radius; dx <= radius; ++dx) {
-      const auto reach =
-          static_cast<std::uint8_t>(std::sqrt(static_cast<double>(radius * radius - dx * dx)));
+      const auto reach = static_cast<std::uint8_t>(half_height(dx));
       const int begin = std::max(0, -dx);
       const int end = std::min(width, width - dx);
       for (int x = begin; x < end; ++x) {
