@@ -10,7 +10,6 @@
 #include <opencv2/imgproc.hpp>
 
 #include "dynslam/core/errors.hpp"
-#include "dynslam/segmentation/depth_refinement.hpp"
 
 #include "segmentation/mask_carrier.hpp"
 
@@ -26,6 +25,7 @@ void PropagationOptions::validate() const {
   require(max_age >= 1, "PropagationOptions", "max_age", max_age, "at least 1 frame");
   require(std::isfinite(half_life) && half_life > 0.0, "PropagationOptions", "half_life", half_life,
           "a positive number of frames");
+  depth.validate();
 }
 
 cv::Mat PropagatedSegmentation::soft_mask(const std::vector<std::size_t>& chosen,
@@ -161,6 +161,7 @@ MaskPropagator::MaskPropagator(const PropagationOptions& options)
     : impl_(std::make_unique<Impl>()) {
   options.validate();
   impl_->options = options;
+  impl_->refiner = DepthRefiner(options.depth);
 }
 MaskPropagator::~MaskPropagator() = default;
 MaskPropagator::MaskPropagator(MaskPropagator&&) noexcept = default;

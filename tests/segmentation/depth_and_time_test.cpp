@@ -432,6 +432,7 @@ TEST(PropagationOptions, AreCheckedByName) {
   refused("max_error_px", [](auto& o) { o.max_error_px = 0.0; });
   refused("max_age", [](auto& o) { o.max_age = 0; });
   refused("half_life", [](auto& o) { o.half_life = -1.0; });
+  refused("max_slant", [](auto& o) { o.depth.max_slant = 0.0; });
 }
 
 }  // namespace

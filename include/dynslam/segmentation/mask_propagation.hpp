@@ -6,9 +6,19 @@
 #include <optional>
 #include <vector>
 
+#include "dynslam/segmentation/depth_refinement.hpp"
 #include "dynslam/segmentation/segmenter.hpp"
 
 namespace dynslam::segmentation {
+
+/// Depth rules for carried masks: as for fresh ones, but a carried mask may have missed more, so it
+/// may grow more (max_growth 1.5, side_margin 0.5).
+inline DepthRefinementOptions carried_depth_options() {
+  DepthRefinementOptions options;
+  options.max_growth = 1.5;
+  options.side_margin = 0.5;
+  return options;
+}
 
 /// How masks are carried.
 struct PropagationOptions {
@@ -18,6 +28,7 @@ struct PropagationOptions {
   int max_age = 15;           ///< frames after which an instance is given up, >= 1
   double half_life = 5.0;     ///< frames in which confidence halves, > 0 (engineering)
   bool follow_depth = true;   ///< refine carried masks with the depth of the frame, if it has any
+  DepthRefinementOptions depth = carried_depth_options();
 
   /// Throws InvalidArgument naming the member that breaks its rule.
   void validate() const;
