@@ -1,0 +1,16 @@
+// The subcommands. Each function registers one and, when it was chosen, sets `run` to its work,
+// which returns the exit code.
+#pragma once
+
+#include <functional>
+
+#include <CLI/CLI.hpp>
+
+namespace dynslam::cli {
+
+CLI::App* add_run_command(CLI::App& app, std::function<int()>& run);
+CLI::App* add_eval_command(CLI::App& app, std::function<int()>& run);
+CLI::App* add_segment_command(CLI::App& app, std::function<int()>& run);
+CLI::App* add_scene_command(CLI::App& app, std::function<int()>& run);
+
+}  // namespace dynslam::cli

@@ -1,0 +1,32 @@
+// The program `dynslam`. Each subcommand registers itself and leaves its work here.
+#include <exception>
+#include <functional>
+#include <iostream>
+
+#include <CLI/CLI.hpp>
+
+#include "dynslam/core/version.hpp"
+
+#include "commands.hpp"
+
+int main(int argc, char** argv) {
+  CLI::App app{"dynslam: visual SLAM for places where things move"};
+  app.set_version_flag("--version", std::string("dynslam ") + dynslam::kVersion);
+  app.require_subcommand(1);
+  std::function<int()> run;
+  dynslam::cli::add_run_command(app, run);
+  dynslam::cli::add_eval_command(app, run);
+  dynslam::cli::add_segment_command(app, run);
+  dynslam::cli::add_scene_command(app, run);
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    return app.exit(error) == 0 ? 0 : 2;
+  }
+  try {
+    return run();
+  } catch (const std::exception& error) {
+    std::cerr << "dynslam: " << error.what() << '\n';
+    return 1;
+  }
+}

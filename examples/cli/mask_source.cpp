@@ -1,0 +1,86 @@
+#include "mask_source.hpp"
+
+#include <chrono>
+#include <optional>
+#include <utility>
+
+#include "dynslam/core/opencv.hpp"
+#include "dynslam/segmentation/segmenter_factory.hpp"
+
+namespace dynslam::cli {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+constexpr std::chrono::seconds kFirstMask{30};  // longest wait for a network to warm up
+
+segmentation::MaskPolicyOptions policy_options(const RunFlags& flags) {
+  segmentation::MaskPolicyOptions options;
+  if (!flags.classes.empty()) options.classes = flags.classes;
+  options.min_score = static_cast<float>(flags.min_score);
+  options.dilation_px = flags.dilation_px;
+  return options;
+}
+
+segmentation::FrameInfo info_of(const dataset::Frame& frame) {
+  segmentation::FrameInfo info;
+  info.index = frame.index;
+  info.timestamp = frame.timestamp;
+  info.name = frame.name;
+  info.depth = as_view<const float>(frame.depth);
+  return info;
+}
+
+}  // namespace
+
+MaskSource::MaskSource(const RunFlags& flags)
+    : every_(flags.segment_every), policy_(policy_options(flags)) {
+  if (flags.segmenter == "none" || flags.system == "baseline") return;
+  segmentation::SegmenterFactoryOptions options;
+  options.network.backend = segmentation::backend_from_name(flags.backend);
+  segmenter_ = segmentation::make_segmenter(flags.segmenter, options);
+  if (!flags.asynchronous()) return;
+  worker_ = std::make_unique<segmentation::AsyncSegmenter>(std::move(segmenter_));
+  propagator_ = std::make_unique<segmentation::MaskPropagator>();
+}
+
+void MaskSource::prepare(const dataset::Frame& first) {
+  if (!worker_) return;
+  worker_->submit(first.color, info_of(first));
+  worker_->wait_idle(kFirstMask);
+}
+
+const cv::Mat& MaskSource::update(const dataset::Frame& frame, FrameRow& row) {
+  const Clock::time_point start = Clock::now();
+  row.mask_age = -1;
+  if (segmenter_) update_now(frame, row);
+  if (worker_) update_beside(frame, row);
+  row.segment_ms = std::chrono::duration<double, std::milli>(Clock::now() - start).count();
+  return mask_;
+}
+
+void MaskSource::update_now(const dataset::Frame& frame, FrameRow& row) {
+  if (mask_.empty() || ++age_ >= every_) {
+    const segmentation::Segmentation found = segmenter_->segment(frame.color, info_of(frame));
+    policy_.mask(found, segmenter_->class_names(), mask_);
+    age_ = 0;
+  }
+  row.mask_age = age_;
+}
+
+void MaskSource::update_beside(const dataset::Frame& frame, FrameRow& row) {
+  propagator_->add_frame(frame.color, info_of(frame));
+  while (std::optional<segmentation::AsyncResult> result = worker_->take()) {
+    propagator_->set_segmentation(result->index, std::move(result->segmentation));
+  }
+  worker_->submit(frame.color, info_of(frame));
+  const std::optional<segmentation::PropagatedSegmentation> carried = propagator_->current();
+  if (!carried) {
+    mask_.release();
+    return;
+  }
+  policy_.mask(carried->segmentation, worker_->class_names(), mask_);
+  row.mask_age = carried->age;
+}
+
+}  // namespace dynslam::cli

@@ -1,0 +1,43 @@
+// Masks for the frames of a run: made while the frame waits, or on a thread beside tracking.
+#pragma once
+
+#include <memory>
+
+#include <opencv2/core/mat.hpp>
+
+#include "dynslam/dataset/sequence.hpp"
+#include "dynslam/segmentation/async_segmenter.hpp"
+#include "dynslam/segmentation/mask_policy.hpp"
+#include "dynslam/segmentation/mask_propagation.hpp"
+
+#include "run_session.hpp"
+
+namespace dynslam::cli {
+
+class MaskSource {
+ public:
+  /// Loads the segmenter that the flags name; baseline has none. With `flags.asynchronous()` it
+  /// gets a thread.
+  explicit MaskSource(const RunFlags& flags);
+
+  /// Segments the first frame, so that the network is warm and the first mask there when the clock
+  /// starts. Only the asynchronous source needs it.
+  void prepare(const dataset::Frame& first);
+
+  /// The dynamic mask of a frame, empty without a segmenter; fills the row's columns about it.
+  const cv::Mat& update(const dataset::Frame& frame, FrameRow& row);
+
+ private:
+  void update_now(const dataset::Frame& frame, FrameRow& row);
+  void update_beside(const dataset::Frame& frame, FrameRow& row);
+
+  int every_;
+  int age_ = 0;
+  segmentation::MaskPolicy policy_;
+  std::unique_ptr<segmentation::Segmenter> segmenter_;        // synchronous
+  std::unique_ptr<segmentation::AsyncSegmenter> worker_;      // or asynchronous
+  std::unique_ptr<segmentation::MaskPropagator> propagator_;  // with the worker
+  cv::Mat mask_;
+};
+
+}  // namespace dynslam::cli

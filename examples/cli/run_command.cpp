@@ -1,0 +1,184 @@
+// dynslam run: a sequence in; a trajectory, a judgement of it and a report out.
+#include <cmath>
+#include <cstdio>
+#include <filesystem>
+#include <iostream>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "dynslam/core/errors.hpp"
+#include "dynslam/evaluation/metrics.hpp"
+
+#include "commands.hpp"
+#include "run_output.hpp"
+#include "run_session.hpp"
+#include "sequences.hpp"
+
+namespace dynslam::cli {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+struct Flags {
+  SequenceFlags input;
+  RunFlags run;
+  std::filesystem::path out;
+  std::vector<std::string> compare;  ///< further systems, run on the same frames
+  int runs = 1;
+  bool json = false;
+};
+
+double rmse(const Json& summary) {
+  const bool known = summary.contains("ate") && !summary["ate"]["rmse"].is_null();
+  return known ? summary["ate"]["rmse"].get<double>() : std::nan("");
+}
+
+void print_row(const Json& summary) {
+  const std::size_t frames = summary["frames"];
+  std::printf("%-10s  %5zu / %-5zu  %12.4f  %14.1f\n", summary["system"].get<std::string>().c_str(),
+              summary["tracked"].get<std::size_t>(), frames, rmse(summary),
+              summary["time_ms"]["frame"]["median"].get<double>());
+}
+
+void print_table(const Json& summary) {
+  std::printf("%-10s  %13s  %12s  %14s\n", "system", "tracked", "ATE RMSE, m", "ms a frame");
+  print_row(summary);
+  for (const Json& other : summary["compare"]) print_row(other);
+}
+
+void print_summary(const Json& summary) {
+  std::printf("%s on %s: %zu of %zu frames tracked", summary["system"].get<std::string>().c_str(),
+              summary["sequence"].get<std::string>().c_str(), summary["tracked"].get<std::size_t>(),
+              summary["frames"].get<std::size_t>());
+  if (!std::isnan(rmse(summary))) std::printf(", ATE RMSE %.4f m", rmse(summary));
+  std::printf(", %.1f ms a frame (median)\n", summary["time_ms"]["frame"]["median"].get<double>());
+  if (summary.contains("ate_median")) {
+    std::printf("median of %zu runs: %.4f m, interquartile range %.4f m\n", summary["runs"].size(),
+                summary["ate_median"].get<double>(), summary["ate_iqr"].get<double>());
+  }
+}
+
+// Several runs: another seed each (of the scene; a recording has none). The last one is written.
+void add_runs(Json& summary, const std::vector<Json>& runs) {
+  std::vector<double> ates;
+  for (const Json& run : runs) {
+    summary["runs"].push_back({{"seed", run["seed"]},
+                               {"tracked", run["tracked"]},
+                               {"frames", run["frames"]},
+                               {"ate", run.value("ate", Json(nullptr))},
+                               {"time_ms", run["time_ms"]["frame"]}});
+    if (!std::isnan(rmse(run))) ates.push_back(rmse(run));
+  }
+  if (ates.empty()) return;
+  summary["ate_median"] = evaluation::quantile(ates, 0.5);
+  summary["ate_iqr"] = evaluation::quantile(ates, 0.75) - evaluation::quantile(ates, 0.25);
+}
+
+int run(Flags flags) {
+  std::unique_ptr<dataset::Sequence> sequence = open_sequence(flags.input);
+  prepare_output(flags.out);
+  const dataset::OpenReport report = sequence->report();
+  if (report.disordered_frames > 0) {
+    std::cerr << "dynslam: " << report.disordered_frames
+              << " frames left out because time ran backwards, first " << report.first_disordered
+              << '\n';
+  }
+  RunOutcome outcome;
+  std::vector<Json> summaries;
+  for (int i = 0; i < flags.runs; ++i) {
+    if (i > 0 && !flags.input.scene.empty()) {
+      ++flags.input.seed;
+      sequence = open_sequence(flags.input);
+    }
+    outcome = run_system(*sequence, flags.run);
+    summaries.push_back(summarize(*sequence, flags.run, outcome));
+    summaries.back()["seed"] = flags.input.seed;
+  }
+  Json summary = summaries.back();
+  if (flags.runs > 1) add_runs(summary, summaries);
+  write_run(flags.out, outcome);
+  std::vector<evaluation::RunRecord> others;
+  for (const std::string& system : flags.compare) {
+    RunFlags other = flags.run;
+    other.system = system;
+    const RunOutcome compared = run_system(*sequence, other);
+    others.push_back(to_record(system, compared));
+    summary["compare"].push_back(summarize(*sequence, other, compared));
+  }
+  const std::string problem = write_html(flags.out, *sequence, flags.run, outcome, others);
+  if (!problem.empty()) std::cerr << "dynslam: report without plots: " << problem << '\n';
+  write_text(flags.out / "summary.json", summary.dump(2) + "\n");
+  for (const std::string& unreadable : outcome.problems) {
+    std::cerr << "dynslam: frame skipped: " << unreadable << '\n';
+  }
+  if (flags.json) {
+    std::cout << summary.dump(2) << '\n';
+  } else {
+    print_summary(summary);
+    if (!flags.compare.empty()) print_table(summary);
+    std::cout << (flags.out / "report.html").string() << '\n';
+  }
+  return 0;
+}
+
+}  // namespace
+
+CLI::App* add_run_command(CLI::App& app, std::function<int()>& work) {
+  auto flags = std::make_shared<Flags>();
+  CLI::App* command = app.add_subcommand("run", "track a sequence and judge the result");
+  command->footer(
+      "Example:\n  dynslam run --tum rgbd_dataset_freiburg3_walking_xyz --system p-yolo \\\n"
+      "      --segmenter yolo-seg:yolov5n-seg.onnx --out out");
+  flags->input.add_to(*command);
+  RunFlags& run_flags = flags->run;
+  command->add_option("--system", run_flags.system, "what handles movers")
+      ->check(CLI::IsMember({"baseline", "p-yolo", "p-static", "p-mixed"}))
+      ->capture_default_str();
+  command
+      ->add_option("--segmenter", run_flags.segmenter,
+                   "none, yolo-seg:MODEL.onnx or recorded:FOLDER")
+      ->capture_default_str();
+  command->add_option("--backend", run_flags.backend, "what runs the network")
+      ->check(CLI::IsMember({"opencv", "onnxruntime"}))
+      ->capture_default_str();
+  command->add_option("--solver", run_flags.solver, "what becomes of static weights in the pose")
+      ->check(CLI::IsMember({"fixed", "joint", "eliminated"}))
+      ->capture_default_str();
+  command->add_option("--without", run_flags.without, "parts of the system to switch off")
+      ->delimiter(',')
+      ->check(CLI::IsMember({"weights"}));
+  command->add_option("--classes", run_flags.classes, "classes that may move")->delimiter(',');
+  command->add_option("--min-score", run_flags.min_score, "instances below are ignored")
+      ->check(CLI::Range(0.0, 1.0))
+      ->capture_default_str();
+  command->add_option("--dilation", run_flags.dilation_px, "pixels by which masks grow")
+      ->check(CLI::Range(0, 100))
+      ->capture_default_str();
+  command->add_option("--segment-every", run_flags.segment_every, "a mask serves N frames")
+      ->check(CLI::Range(1, 1000))
+      ->capture_default_str();
+  command->add_option("--features", run_flags.features, "ORB features a frame")
+      ->check(CLI::Range(100, 20000))
+      ->capture_default_str();
+  command->add_option("--threads", run_flags.threads, "threads of OpenCV; 0: its own choice")
+      ->check(CLI::NonNegativeNumber)
+      ->capture_default_str();
+  command->add_flag("--realtime", run_flags.realtime,
+                    "feed frames at their own times and drop what comes while busy");
+  command->add_flag("--async", run_flags.beside,
+                    "segment beside tracking, as --realtime does, and carry masks forward");
+  command->add_flag("--sequential", run_flags.sequential, "one thread, repeatable bit for bit");
+  command->add_option("--compare", flags->compare, "further systems on the same frames, as a table")
+      ->delimiter(',')
+      ->check(CLI::IsMember({"baseline", "p-yolo", "p-static", "p-mixed"}));
+  command->add_option("--runs", flags->runs, "repeat; scenes get the next seed each time")
+      ->check(CLI::Range(1, 1000))
+      ->capture_default_str();
+  command->add_option("--out", flags->out, "folder for the results")->required()->type_name("DIR");
+  command->add_flag("--json", flags->json, "print summary.json");
+  command->callback([flags, &work] { work = [flags] { return run(*flags); }; });
+  return command;
+}
+
+}  // namespace dynslam::cli

@@ -1,0 +1,226 @@
+#include "run_output.hpp"
+
+#include <cmath>
+#include <cstdio>
+#include <fstream>
+#include <sstream>
+#include <string_view>
+#include <vector>
+
+#include <sys/resource.h>
+
+#include "dynslam/core/errors.hpp"
+#include "dynslam/core/version.hpp"
+#include "dynslam/evaluation/metrics.hpp"
+#include "dynslam/evaluation/trajectory_io.hpp"
+
+namespace dynslam::cli {
+namespace {
+
+using Json = nlohmann::ordered_json;
+namespace fs = std::filesystem;
+
+std::string format(const char* pattern, double value) {
+  char text[64];
+  std::snprintf(text, sizeof text, pattern, value);
+  return text;
+}
+
+Json number(double value) { return std::isfinite(value) ? Json(value) : Json(nullptr); }
+
+Json to_json(const evaluation::Statistics& s) {
+  return {{"rmse", number(s.rmse)}, {"mean", number(s.mean)}, {"median", number(s.median)},
+          {"std", number(s.std)},   {"min", number(s.min)},   {"max", number(s.max)}};
+}
+
+struct Stage {
+  const char* name;
+  double (*of)(const FrameRow&);
+};
+
+constexpr Stage kStages[] = {
+    {"extract", [](const FrameRow& row) { return row.ms.extract; }},
+    {"match", [](const FrameRow& row) { return row.ms.match; }},
+    {"segment", [](const FrameRow& row) { return row.segment_ms; }},
+    {"optimize", [](const FrameRow& row) { return row.ms.optimize; }},
+    {"map", [](const FrameRow& row) { return row.ms.map; }},
+};
+
+bool processed(const FrameRow& row) { return row.state != "dropped" && row.state != "unreadable"; }
+
+std::vector<double> column(const RunOutcome& outcome, double (*of)(const FrameRow&)) {
+  std::vector<double> values;
+  for (const FrameRow& row : outcome.rows) {
+    if (processed(row)) values.push_back(of(row));
+  }
+  return values;
+}
+
+Json times(const RunOutcome& outcome) {
+  const std::vector<double> whole =
+      column(outcome, [](const FrameRow& row) { return row.total_ms; });
+  const evaluation::Statistics frame = evaluation::statistics(whole);
+  Json json = {{"frame",
+                {{"mean", number(frame.mean)},
+                 {"median", number(frame.median)},
+                 {"p95", number(evaluation::quantile(whole, 0.95))}}}};
+  for (const Stage& stage : kStages) {
+    const std::vector<double> values = column(outcome, stage.of);
+    json[stage.name] = {{"median", number(evaluation::quantile(values, 0.5))},
+                        {"p95", number(evaluation::quantile(values, 0.95))}};
+  }
+  return json;
+}
+
+double peak_memory_mb() {
+  rusage usage{};
+  getrusage(RUSAGE_SELF, &usage);
+  return static_cast<double>(usage.ru_maxrss) / 1024.0;
+}
+
+void write_frames(const fs::path& path, const RunOutcome& outcome) {
+  std::ostringstream out;
+  out.imbue(std::locale::classic());
+  out << "frame,timestamp,state,features,inliers,masked_share,mask_age,keyframe,extract_ms,"
+         "match_ms,segment_ms,optimize_ms,map_ms,total_ms\n";
+  for (const FrameRow& row : outcome.rows) {
+    out << row.index << ',' << format("%.6f", row.timestamp) << ',' << row.state << ','
+        << row.features << ',' << row.inliers << ',' << format("%.4f", row.masked_share) << ','
+        << row.mask_age << ',' << (row.keyframe ? 1 : 0);
+    for (const double ms : {row.ms.extract, row.ms.match, row.segment_ms, row.ms.optimize,
+                            row.ms.map, row.total_ms}) {
+      out << ',' << format("%.3f", ms);
+    }
+    out << '\n';
+  }
+  write_text(path, out.str());
+}
+
+void write_ply(const fs::path& path, const slam::Map& map) {
+  std::ostringstream out;
+  out.imbue(std::locale::classic());
+  out << "ply\nformat ascii 1.0\ncomment world coordinates in metres\nelement vertex "
+      << map.point_count()
+      << "\nproperty float x\nproperty float y\nproperty float z\nproperty uchar red\n"
+         "property uchar green\nproperty uchar blue\nend_header\n";
+  for (const slam::PointId id : map.point_ids()) {
+    const slam::MapPoint& point = map.point(id);
+    for (int i = 0; i < 3; ++i) out << format("%.5f", point.position[i]) << ' ';
+    out << int{point.color[2]} << ' ' << int{point.color[1]} << ' ' << int{point.color[0]} << '\n';
+  }
+  write_text(path, out.str());
+}
+
+evaluation::FrameState to_state(const std::string& name) {
+  if (name == "tracked") return evaluation::FrameState::kTracked;
+  if (name == "relocalized") return evaluation::FrameState::kRelocalized;
+  if (name == "not_initialized") return evaluation::FrameState::kNotStarted;
+  return evaluation::FrameState::kLost;
+}
+
+}  // namespace
+
+void write_text(const fs::path& path, const std::string& text) {
+  const fs::path temporary = path.string() + ".tmp";
+  {
+    std::ofstream out(temporary, std::ios::binary);
+    out << text;
+    out.close();
+    if (!out) {
+      std::error_code ignored;
+      fs::remove(temporary, ignored);
+      throw_io_error(path.string(), "cannot be written");
+    }
+  }
+  std::error_code error;
+  fs::rename(temporary, path, error);
+  if (error) throw_io_error(path.string(), "cannot be written: " + error.message());
+}
+
+void prepare_output(const fs::path& folder) {
+  std::error_code error;
+  fs::create_directories(folder, error);
+  if (error) {
+    throw_io_error(folder.string(), "the output folder cannot be made: " + error.message());
+  }
+  const fs::path probe = folder / ".dynslam-probe";
+  write_text(probe, "can be written\n");
+  fs::remove(probe, error);
+}
+
+Json summarize(const dataset::Sequence& sequence, const RunFlags& flags,
+               const RunOutcome& outcome) {
+  const slam::Map& map = outcome.system->map();
+  Json json = {{"sequence", sequence.name()},
+               {"system", flags.system},
+               {"segmenter", flags.segmenter},
+               {"frames", sequence.size()},
+               {"tracked", outcome.tracked()},
+               {"lost", outcome.count("lost") + outcome.count("not_initialized")},
+               {"unreadable", outcome.count("unreadable")},
+               {"dropped", outcome.count("dropped")},
+               {"keyframes", map.keyframe_count()},
+               {"map_points", map.point_count()},
+               {"loops", 0},
+               {"relocalizations", outcome.count("relocalized")}};
+  if (!sequence.truth().empty()) {
+    const evaluation::AteResult ate = evaluation::ate(sequence.truth(), outcome.trajectory);
+    json["ate"] = to_json(ate.error);
+    json["ate"]["pairs"] = ate.error.count;
+    json["ate"]["align"] = "se3";
+    json["rpe"] = to_json(evaluation::rpe(sequence.truth(), outcome.trajectory).translation);
+  }
+  json["time_ms"] = times(outcome);
+  json["frames_per_second"] = number(static_cast<double>(outcome.rows.size()) / outcome.seconds);
+  json["peak_memory_mb"] = number(std::round(peak_memory_mb() * 10.0) / 10.0);
+  json["version"] = kVersion;
+  if (!outcome.problems.empty()) json["problems"] = outcome.problems;
+  return json;
+}
+
+evaluation::RunRecord to_record(const std::string& name, const RunOutcome& outcome) {
+  evaluation::RunRecord record;
+  record.name = name;
+  record.estimate = outcome.trajectory;
+  record.stages.resize(std::size(kStages));
+  for (std::size_t i = 0; i < std::size(kStages); ++i) record.stages[i].name = kStages[i].name;
+  record.series = {{"inliers", {}}, {"features", {}}, {"masked %", {}}};
+  for (const FrameRow& row : outcome.rows) {
+    record.frame_times.push_back(row.timestamp);
+    record.states.push_back(to_state(row.state));
+    record.frame_ms.push_back(processed(row) ? row.total_ms : std::nan(""));
+    for (std::size_t i = 0; i < std::size(kStages); ++i) {
+      record.stages[i].ms.push_back(processed(row) ? kStages[i].of(row) : std::nan(""));
+    }
+    record.series[0].values.push_back(row.inliers);
+    record.series[1].values.push_back(row.features);
+    record.series[2].values.push_back(100.0 * row.masked_share);
+  }
+  const slam::Map& map = outcome.system->map();
+  record.facts = {{"keyframes", std::to_string(map.keyframe_count())},
+                  {"map points", std::to_string(map.point_count())}};
+  return record;
+}
+
+void write_run(const fs::path& folder, const RunOutcome& outcome) {
+  evaluation::write_trajectory((folder / "trajectory.txt").string(), outcome.trajectory);
+  evaluation::write_trajectory((folder / "keyframes.txt").string(),
+                               outcome.system->keyframe_trajectory());
+  write_ply(folder / "map.ply", outcome.system->map());
+  write_frames(folder / "frames.csv", outcome);
+}
+
+std::string write_html(const fs::path& folder, const dataset::Sequence& sequence,
+                       const RunFlags& flags, const RunOutcome& outcome,
+                       const std::vector<evaluation::RunRecord>& others) {
+  evaluation::ReportData report;
+  report.title = "dynslam run: " + flags.system + " on " + sequence.name();
+  report.sequence = sequence.name();
+  report.subtitle = std::string("dynslam ") + kVersion + ", segmenter " + flags.segmenter;
+  report.truth = sequence.truth();
+  report.run = to_record(flags.system, outcome);
+  report.others = others;
+  return evaluation::write_report((folder / "report.html").string(), report).problem;
+}
+
+}  // namespace dynslam::cli

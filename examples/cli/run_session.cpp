@@ -1,0 +1,137 @@
+#include "run_session.hpp"
+
+#include <algorithm>
+#include <chrono>
+#include <cstdio>
+#include <optional>
+#include <thread>
+#include <utility>
+
+#include <opencv2/core/utility.hpp>
+
+#include "dynslam/core/errors.hpp"
+#include "dynslam/dataset/read_ahead.hpp"
+
+#include "mask_source.hpp"
+#include "progress.hpp"
+
+namespace dynslam::cli {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+double milliseconds_since(Clock::time_point start) {
+  return std::chrono::duration<double, std::milli>(Clock::now() - start).count();
+}
+
+factors::WeightMode weight_mode(const std::string& solver) {
+  if (solver == "fixed") return factors::WeightMode::kFixed;
+  if (solver == "joint") return factors::WeightMode::kJoint;
+  return factors::WeightMode::kEliminated;
+}
+
+slam::SystemOptions system_options(const RunFlags& flags) {
+  slam::SystemOptions options;
+  options.tracking.orb.max_features = flags.features;
+  if (flags.system == "p-static") {
+    if (!flags.lacks("weights")) options.weights = weight_mode(flags.solver);
+  }
+  return options;
+}
+
+FrameRow process(const dataset::Frame& frame, MaskSource& masks, slam::System& system) {
+  const Clock::time_point start = Clock::now();
+  FrameRow row;
+  row.index = frame.index;
+  row.timestamp = frame.timestamp;
+  const cv::Mat& mask = masks.update(frame, row);
+  slam::FrameInput input;
+  input.timestamp = frame.timestamp;
+  input.image = frame.color;
+  input.depth = frame.depth;
+  input.mask = mask;
+  const slam::FrameResult result = system.track(input);
+  row.state = slam::to_string(result.state);
+  row.features = result.features;
+  row.inliers = result.inliers;
+  row.masked_share = result.masked_share;
+  row.keyframe = result.keyframe;
+  row.ms = result.ms;
+  row.total_ms = milliseconds_since(start);
+  return row;
+}
+
+// The frame that a camera would deliver now, when frames wait for nobody.
+std::size_t due_frame(const dataset::Sequence& sequence, std::size_t next,
+                      Clock::time_point start) {
+  const double first = sequence.timestamp(0);
+  const auto arrival = [&](std::size_t i) { return sequence.timestamp(i) - first; };
+  const double now = std::chrono::duration<double>(Clock::now() - start).count();
+  while (next + 1 < sequence.size() && arrival(next + 1) <= now) ++next;
+  if (arrival(next) > now) {
+    std::this_thread::sleep_for(std::chrono::duration<double>(arrival(next) - now));
+  }
+  return next;
+}
+
+FrameRow missing_row(const dataset::Sequence& sequence, std::size_t index, const char* state) {
+  FrameRow row;
+  row.index = index;
+  row.timestamp = sequence.timestamp(index);
+  row.state = state;
+  return row;
+}
+
+// A first mask before the clock starts; an unreadable frame is met again, and counted, in the run.
+void prepare(const dataset::Sequence& sequence, MaskSource& masks) {
+  try {
+    masks.prepare(sequence.read(0));
+  } catch (const IoError&) {
+  }
+}
+
+}  // namespace
+
+std::size_t RunOutcome::count(const std::string& state) const {
+  return static_cast<std::size_t>(std::count_if(
+      rows.begin(), rows.end(), [&](const FrameRow& row) { return row.state == state; }));
+}
+
+RunOutcome run_system(const dataset::Sequence& sequence, const RunFlags& flags) {
+  if (sequence.sensor() != dataset::SensorKind::kRgbd) {
+    throw_invalid_argument("dynslam run", "sequence",
+                           sequence.name() + ", " + dataset::to_string(sequence.sensor()),
+                           "a sequence with depth images");
+  }
+  if (flags.threads > 0) cv::setNumThreads(flags.threads);
+  RunOutcome outcome;
+  outcome.system = std::make_unique<slam::System>(sequence.camera(), system_options(flags));
+  MaskSource masks(flags);
+  if (flags.asynchronous()) prepare(sequence, masks);
+  dataset::ReadAhead frames(sequence);
+  Progress progress(flags.system, sequence.size());
+  const Clock::time_point start = Clock::now();
+  for (std::size_t next = 0; next < sequence.size(); ++next) {
+    if (flags.realtime) {
+      const std::size_t due = due_frame(sequence, next, start);
+      for (; next < due; ++next) outcome.rows.push_back(missing_row(sequence, next, "dropped"));
+      frames.skip_to(next);
+    }
+    const std::optional<dataset::FrameResult> read = frames.next();
+    if (!read) break;
+    if (!read->frame) {
+      outcome.problems.push_back(read->error);
+      outcome.rows.push_back(missing_row(sequence, read->index, "unreadable"));
+      continue;
+    }
+    outcome.rows.push_back(process(*read->frame, masks, *outcome.system));
+    const FrameRow& row = outcome.rows.back();
+    progress.update(next + 1, row.state + ", " + std::to_string(row.inliers) + " inliers");
+  }
+  outcome.seconds = std::chrono::duration<double>(Clock::now() - start).count();
+  if (outcome.problems.size() == sequence.size()) throw IoError(outcome.problems.front());
+  outcome.trajectory = outcome.system->trajectory();
+  return outcome;
+}
+
+}  // namespace dynslam::cli

@@ -1,0 +1,74 @@
+// One run of a system over a sequence.
+#pragma once
+
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "dynslam/core/trajectory.hpp"
+#include "dynslam/dataset/sequence.hpp"
+#include "dynslam/evaluation/report.hpp"
+#include "dynslam/slam/system.hpp"
+
+namespace dynslam::cli {
+
+/// What `dynslam run` was asked for.
+struct RunFlags {
+  std::string system = "p-static";
+  std::string segmenter = "none";
+  std::string backend = "opencv";
+  std::vector<std::string> classes;  ///< empty: the policy's own
+  double min_score = 0.3;
+  int dilation_px = 10;
+  int segment_every = 1;
+  int features = 1000;
+  int threads = 0;                    ///< of OpenCV; 0: its own choice
+  std::string solver = "eliminated";  ///< of the weights: fixed, joint or eliminated
+  std::vector<std::string> without;   ///< parts switched off: weights
+  bool realtime = false;
+  bool beside = false;  ///< segment on a thread of its own although frames wait
+  bool sequential = false;
+
+  /// Whether segmentation runs beside tracking: always in real time, unless one thread is asked
+  /// for.
+  bool asynchronous() const { return (realtime || beside) && !sequential; }
+  bool lacks(const std::string& part) const {
+    return std::find(without.begin(), without.end(), part) != without.end();
+  }
+};
+
+/// One frame of a run, a row of frames.csv.
+struct FrameRow {
+  std::size_t index = 0;
+  double timestamp = 0.0;
+  std::string state;  ///< TrackingState's name, "unreadable" or "dropped"
+  int features = 0;
+  int inliers = 0;
+  double masked_share = 0.0;
+  int mask_age = 0;  ///< frames since the image that the mask was made from; -1: no mask
+  bool keyframe = false;
+  double segment_ms = 0.0;
+  slam::StageTimes ms;
+  double total_ms = 0.0;  ///< segmentation included where tracking waits for it
+};
+
+/// What a run gave.
+struct RunOutcome {
+  std::vector<FrameRow> rows;
+  std::vector<std::string> problems;  ///< of unreadable frames, first few
+  Trajectory trajectory;
+  std::unique_ptr<slam::System> system;
+  double seconds = 0.0;
+
+  std::size_t count(const std::string& state) const;
+  std::size_t tracked() const { return count("tracked") + count("relocalized"); }
+};
+
+/// Runs the system that the flags name. Throws InvalidArgument for a sequence without depth and for
+/// unknown names; IoError if not a single frame could be read.
+RunOutcome run_system(const dataset::Sequence& sequence, const RunFlags& flags);
+
+}  // namespace dynslam::cli

@@ -1,0 +1,28 @@
+// Where frames come from: the flags shared by the subcommands that read sequences.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <string>
+
+#include <CLI/CLI.hpp>
+
+#include "dynslam/dataset/sequence.hpp"
+
+namespace dynslam::cli {
+
+/// --tum | --kitti | --euroc | --scene with their companions.
+struct SequenceFlags {
+  std::string tum, kitti, euroc, scene;
+  std::string camera;        ///< "FX,FY,CX,CY"; empty: the folder's
+  double depth_scale = 0.0;  ///< 0: the folder's
+  std::string frames;        ///< "FIRST:LAST"; empty: all
+  std::uint64_t seed = 1;    ///< of a rendered scene
+
+  void add_to(CLI::App& command);
+};
+
+/// Opens what the flags name. Throws InvalidArgument or IoError with one clear sentence.
+std::unique_ptr<dataset::Sequence> open_sequence(const SequenceFlags& flags);
+
+}  // namespace dynslam::cli

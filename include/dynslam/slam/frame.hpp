@@ -1,0 +1,50 @@
+// What the system keeps of an image.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include <opencv2/core/mat.hpp>
+#include <opencv2/core/types.hpp>
+
+#include "dynslam/core/image_view.hpp"
+#include "dynslam/features/keypoint_grid.hpp"
+
+namespace dynslam::slam {
+
+/// One moment of the sensor, as the caller hands it in. Nothing is kept beyond the call but what
+/// the features hold.
+struct FrameInput {
+  double timestamp = 0.0;  ///< seconds, strictly increasing
+  cv::Mat image;           ///< 8UC3 (BGR) or 8UC1, size of the camera
+  cv::Mat depth;           ///< 32FC1 metres, 0 or NaN = none, size of the image; may be empty
+  cv::Mat mask;            ///< 8UC1, 0 static, 255 dynamic, size of the image; empty = all static
+};
+
+/// Features of one image; never changed once built, so shared between frames, keyframes and
+/// threads.
+struct FrameFeatures {
+  std::vector<cv::KeyPoint> keypoints;  ///< N, level-0 pixels
+  cv::Mat descriptors;                  ///< N x 32, CV_8U
+  std::vector<float> depths;            ///< N, metres; 0 where there is none
+  std::vector<float> right_columns;     ///< N, u - bf / z; NaN where there is no depth
+  std::vector<cv::Vec3b> colors;        ///< N, BGR
+  features::KeypointGrid grid;          ///< over the key points
+  float masked_share = 0.0F;            ///< share of the image under the mask, 0..1
+
+  std::size_t size() const { return keypoints.size(); }
+  const std::uint8_t* descriptor(std::size_t i) const {
+    return descriptors.ptr<std::uint8_t>(static_cast<int>(i));
+  }
+  DescriptorsView descriptors_view() const {
+    if (descriptors.empty()) return {};
+    return {descriptors.data, descriptors.cols, descriptors.rows,
+            static_cast<std::ptrdiff_t>(descriptors.step[0])};
+  }
+};
+
+using FrameFeaturesPtr = std::shared_ptr<const FrameFeatures>;
+
+}  // namespace dynslam::slam

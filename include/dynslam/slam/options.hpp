@@ -1,0 +1,76 @@
+// Settings of the whole system.
+#pragma once
+
+#include <cstdint>
+
+#include "dynslam/factors/pose_optimizer.hpp"
+#include "dynslam/features/orb.hpp"
+
+namespace dynslam::slam {
+
+/// How frames are tracked against the map.
+struct TrackingOptions {
+  /// Features of each image.
+  features::OrbOptions orb;
+  /// Depths beyond this are not used, metres, > 0. Engineering: Kinect's noise grows with the
+  /// square of the distance (6 cm at 6 m).
+  double max_depth = 6.0;
+  /// Baseline of the right camera that stands for measured depth, metres, >= 0; 0 takes the
+  /// camera's own bf. The longer, the more depth weighs against pixels. Engineering: at 0.23 m the
+  /// depth noise of a Kinect is worth about 0.2 pixels at all its distances, which leaves room for
+  /// what its model omits (edges, registration).
+  double virtual_baseline = 0.23;
+  /// Half side of the search window around a point predicted from the last frame, pixels at the
+  /// finest level, > 0; doubled once when too little is found. Engineering.
+  double frame_radius = 15.0;
+  /// Half side of the search window around a map point under the refined pose, pixels at the finest
+  /// level, > 0. Engineering.
+  double map_radius = 6.0;
+  /// Inliers below which a frame is lost, >= 6. Engineering (the field's habit: 30).
+  int min_inliers = 20;
+  /// Inliers below which a relocalization is not believed, >= min_inliers.
+  int min_relocalization_inliers = 35;
+  /// Keyframes whose points make the local map, >= 1.
+  int local_keyframes = 30;
+
+  /// Throws InvalidArgument naming the member that breaks its rule.
+  void validate() const;
+};
+
+/// When a frame becomes a keyframe, and what the map keeps.
+struct MappingOptions {
+  /// A keyframe is made when fewer than this share of the points that the reference keyframe shows
+  /// is found again, (0, 1]. Engineering.
+  double keyframe_share = 0.80;
+  /// Most frames between keyframes, >= 1 (field's habit: one second).
+  int max_frames = 15;
+  /// Fewest frames between keyframes, >= 0.
+  int min_frames = 1;
+  /// Keyframes that the local bundle adjustment moves, >= 1.
+  int bundle_keyframes = 12;
+  /// A point is dropped when it is found in less than this share of the frames that should show it,
+  /// [0, 1] (field's habit: 0.25).
+  double min_found_share = 0.25;
+  /// A keyframe is dropped when this share of its points is seen by three others as well, (0, 1];
+  /// 1 keeps all (field's habit: 0.9).
+  double redundant_share = 0.90;
+
+  /// Throws InvalidArgument naming the member that breaks its rule.
+  void validate() const;
+};
+
+/// Settings of System.
+struct SystemOptions {
+  TrackingOptions tracking;
+  MappingOptions mapping;
+  /// How static weights take part in the pose: fixed, parameters beside the pose (P-Static section
+  /// 4), or eliminated from it.
+  factors::WeightMode weights = factors::WeightMode::kFixed;
+  /// Refine keyframes and points by bundle adjustment after each keyframe.
+  bool bundle_adjustment = true;
+
+  /// Throws InvalidArgument naming the member that breaks its rule.
+  void validate() const;
+};
+
+}  // namespace dynslam::slam

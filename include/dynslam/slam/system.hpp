@@ -1,0 +1,82 @@
+// RGB-D SLAM composed from the rooms below.
+#pragma once
+
+#include <cstddef>
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include "dynslam/core/camera.hpp"
+#include "dynslam/core/trajectory.hpp"
+#include "dynslam/slam/frame.hpp"
+#include "dynslam/slam/map.hpp"
+#include "dynslam/slam/options.hpp"
+
+namespace dynslam::slam {
+
+/// What became of a frame.
+enum class TrackingState {
+  kNotInitialized,  ///< no map yet: the frame had too few features with depth
+  kTracked,         ///< pose from the last frame and the map
+  kRelocalized,     ///< was lost; found again by its look alone
+  kLost,            ///< no pose
+};
+
+/// "tracked" etc.
+const char* to_string(TrackingState state);
+
+/// Milliseconds spent on a frame, by stage.
+struct StageTimes {
+  double extract = 0.0;   ///< features
+  double match = 0.0;     ///< prediction, windowed matching, recovery
+  double optimize = 0.0;  ///< pose
+  double map = 0.0;       ///< keyframes, points, bundle adjustment
+  double total = 0.0;     ///< the whole call
+};
+
+/// Result of System::track.
+struct FrameResult {
+  std::size_t index = 0;  ///< running number of the frame, 0-based
+  double timestamp = 0.0;
+  TrackingState state = TrackingState::kNotInitialized;
+  std::optional<RigidTransform> T_world_cam;  ///< present unless lost or not initialized
+  int features = 0;                           ///< found outside the mask
+  int inliers = 0;                            ///< of them, agreeing with the map
+  float masked_share = 0.0;                   ///< of the image, 0..1
+  bool keyframe = false;                      ///< the frame became a keyframe
+  bool depth_aligned = false;  ///< too few features: the pose rests on the depth image as well
+  StageTimes ms;
+};
+
+/// Tracks an RGB-D camera in the map that it builds on the way.
+///
+/// Poses are camera to world; the world is the camera frame of the first frame that had a map. The
+/// same input and options give the same output bit for bit. One thread at a time.
+class System {
+ public:
+  /// Throws InvalidArgument if the camera or an option is invalid.
+  explicit System(const DepthCamera& camera, const SystemOptions& options = {});
+  ~System();
+  System(System&&) noexcept;
+  System& operator=(System&&) noexcept;
+
+  /// Takes the next frame. Throws InvalidArgument, changing nothing, if the image is empty or of
+  /// another size or type than stated in FrameInput, if depth or mask do not fit it, or if the
+  /// timestamp is not finite or not after the last one. A frame that cannot be tracked is a result,
+  /// not an error.
+  FrameResult track(const FrameInput& frame);
+
+  /// Poses of all frames that have one, corrected by everything learned since. O(frames).
+  Trajectory trajectory() const;
+  /// Poses of the keyframes.
+  Trajectory keyframe_trajectory() const;
+
+  const Map& map() const;
+  const SystemOptions& options() const;
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace dynslam::slam

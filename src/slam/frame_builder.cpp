@@ -1,0 +1,99 @@
+#include "frame_builder.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <string>
+
+#include <opencv2/core.hpp>
+#include <opencv2/imgproc.hpp>
+
+#include "dynslam/core/errors.hpp"
+#include "dynslam/core/opencv.hpp"
+
+namespace dynslam::slam {
+namespace {
+
+constexpr const char* kTrack = "System::track";
+
+std::string describe(const cv::Mat& image) {
+  return std::to_string(image.cols) + "x" + std::to_string(image.rows) + " " +
+         cv::typeToString(image.type());
+}
+
+std::string expected(const DepthCamera& camera, const char* type) {
+  return std::to_string(camera.width) + "x" + std::to_string(camera.height) + " " + type;
+}
+
+}  // namespace
+
+FrameBuilder::FrameBuilder(const DepthCamera& camera, const TrackingOptions& options)
+    : camera_(camera), max_depth_(options.max_depth), extractor_(options.orb) {}
+
+void FrameBuilder::require_valid(const FrameInput& frame) const {
+  const auto fits = [&](const cv::Mat& image) {
+    return image.dims == 2 && image.cols == camera_.width && image.rows == camera_.height;
+  };
+  const auto check = [&](const char* name, const cv::Mat& image, bool type_fits, const char* type) {
+    if (!fits(image) || !type_fits) {
+      throw_invalid_argument(kTrack, name, describe(image), expected(camera_, type));
+    }
+  };
+  check("image", frame.image, frame.image.type() == CV_8UC3 || frame.image.type() == CV_8UC1,
+        "CV_8UC3 or CV_8UC1");
+  if (!frame.depth.empty()) check("depth", frame.depth, frame.depth.type() == CV_32FC1, "CV_32FC1");
+  if (!frame.mask.empty()) check("mask", frame.mask, frame.mask.type() == CV_8UC1, "CV_8UC1");
+}
+
+FrameFeaturesPtr FrameBuilder::build(const FrameInput& frame) {
+  auto features = std::make_shared<FrameFeatures>();
+  if (frame.image.channels() == 3) {
+    cv::cvtColor(frame.image, gray_, cv::COLOR_BGR2GRAY);
+  } else {
+    gray_ = frame.image;
+  }
+  extractor_.extract(as_view<const std::uint8_t>(gray_), as_view<const std::uint8_t>(frame.mask),
+                     features->keypoints, features->descriptors);
+  features->grid.build(field(features->keypoints, &cv::KeyPoint::pt), camera_.width,
+                       camera_.height);
+  if (!frame.mask.empty()) {
+    features->masked_share =
+        static_cast<float>(cv::countNonZero(frame.mask)) / static_cast<float>(frame.mask.total());
+  }
+  features->colors.resize(features->size());
+  for (std::size_t i = 0; i < features->size(); ++i) {
+    const cv::Point at(features->keypoints[i].pt);
+    const auto gray = gray_.at<std::uint8_t>(at);
+    features->colors[i] =
+        frame.image.channels() == 3 ? frame.image.at<cv::Vec3b>(at) : cv::Vec3b(gray, gray, gray);
+  }
+  add_depth(frame.depth, *features);
+  if (frame.image.channels() == 1) gray_.release();  // the caller's pixels are not kept
+  return features;
+}
+
+void FrameBuilder::copy_depth(const FrameInput& frame, cv::Mat& depth) const {
+  if (frame.depth.empty()) {
+    depth.release();
+    return;
+  }
+  frame.depth.copyTo(depth);
+  if (!frame.mask.empty()) depth.setTo(0.0F, frame.mask);
+}
+
+void FrameBuilder::add_depth(const cv::Mat& depth, FrameFeatures& features) const {
+  features.depths.assign(features.size(), 0.0F);
+  features.right_columns.assign(features.size(), std::numeric_limits<float>::quiet_NaN());
+  if (depth.empty()) return;
+  for (std::size_t i = 0; i < features.size(); ++i) {
+    const cv::Point2f pt = features.keypoints[i].pt;
+    const int x = std::min(static_cast<int>(std::lround(pt.x)), camera_.width - 1);
+    const int y = std::min(static_cast<int>(std::lround(pt.y)), camera_.height - 1);
+    const float z = depth.at<float>(y, x);
+    if (!(z > static_cast<float>(kMinDepth) && z <= static_cast<float>(max_depth_))) continue;
+    features.depths[i] = z;
+    features.right_columns[i] = static_cast<float>(camera_.right_column(pt.x, z));
+  }
+}
+
+}  // namespace dynslam::slam

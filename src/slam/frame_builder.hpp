@@ -1,0 +1,34 @@
+// From an image to the features that the system works on.
+#pragma once
+
+#include "dynslam/core/camera.hpp"
+#include "dynslam/features/orb.hpp"
+#include "dynslam/slam/frame.hpp"
+#include "dynslam/slam/options.hpp"
+
+namespace dynslam::slam {
+
+class FrameBuilder {
+ public:
+  FrameBuilder(const DepthCamera& camera, const TrackingOptions& options);
+
+  /// Throws InvalidArgument if image, depth or mask are not what FrameInput says.
+  void require_valid(const FrameInput& frame) const;
+
+  FrameFeaturesPtr build(const FrameInput& frame);
+
+  /// Copies the depth image without what is masked; releases `depth` without one.
+  void copy_depth(const FrameInput& frame, cv::Mat& depth) const;
+
+  const std::vector<float>& scale_factors() const { return extractor_.scale_factors(); }
+
+ private:
+  void add_depth(const cv::Mat& depth, FrameFeatures& features) const;
+
+  DepthCamera camera_;
+  double max_depth_;
+  features::OrbExtractor extractor_;
+  cv::Mat gray_;
+};
+
+}  // namespace dynslam::slam

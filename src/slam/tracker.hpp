@@ -1,0 +1,106 @@
+// Pose of each frame: from the last frame, then from the map.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+#include <opencv2/core/types.hpp>
+
+#include "dynslam/core/camera.hpp"
+#include "dynslam/core/match.hpp"
+#include "dynslam/slam/map.hpp"
+#include "dynslam/slam/options.hpp"
+
+#include "depth_alignment.hpp"
+#include "local_map.hpp"
+#include "pose_estimation.hpp"
+#include "tracked_frame.hpp"
+
+namespace dynslam::slam {
+
+/// Milliseconds by stage, summed over a frame.
+struct TrackerTimes {
+  double match = 0.0;
+  double optimize = 0.0;
+};
+
+class Tracker {
+ public:
+  Tracker(const DepthCamera& camera, const SystemOptions& options,
+          const std::vector<float>& scale_factors);
+
+  /// Pose of `frame` from `last` by constant velocity, windows and, where that finds too little, by
+  /// descriptors alone. Fills pose and points of `frame`; false if that fails.
+  bool track_last_frame(const Map& map, const TrackedFrame& last, TrackedFrame& frame);
+
+  /// Refines the pose with every map point that should be visible; returns the inliers. `wide`
+  /// opens the windows (after a relocalization). Counts how often points should have been seen and
+  /// were.
+  int track_local_map(Map& map, KeyframeId reference, TrackedFrame& frame, bool wide);
+
+  /// Pose of a frame from the looks of it: matches descriptors with a keyframe's points and solves
+  /// PnP. Fills pose and points; false if too few agree.
+  bool match_keyframe(const Map& map, KeyframeId keyframe, TrackedFrame& frame);
+
+  /// Aligns the depth images of two frames and expects the camera where that puts it: for frames
+  /// with too few features. False if depth does not determine the motion.
+  bool align_depth(const TrackedFrame& last, const TrackedFrame& frame);
+  /// Whether the pose of this frame rests on aligned depth.
+  bool depth_aligned() const { return prior_.has_value(); }
+  /// Forgets what `align_depth` found; call before each frame.
+  void forget_alignment() { prior_.reset(); }
+
+  void set_velocity(const RigidTransform& T_cam_last) { velocity_ = T_cam_last; }
+  RigidTransform expected_pose(const TrackedFrame& last) const {
+    return (velocity_ * last.T_cam_world).normalized();
+  }
+  void forget_velocity() { velocity_ = RigidTransform(); }
+
+  const LocalMap& local_map() const { return local_map_; }
+  TrackerTimes take_times();
+
+ private:
+  /// Points of the world that may be seen, and where.
+  struct Predictions {
+    std::vector<PointId> ids;
+    std::vector<Eigen::Vector3d> positions;
+    std::vector<float> weights;
+    std::vector<cv::Point2f> pixels;
+    std::vector<float> radii;
+    std::vector<int> min_octaves, max_octaves;
+    void resize(std::size_t n);
+  };
+
+  bool match_last_frame(const Map& map, const TrackedFrame& last, double radius,
+                        TrackedFrame& frame);
+  void predict_from_last(const Map& map, const TrackedFrame& last, double radius,
+                         const RigidTransform& T_cam_world);
+  std::size_t predict_from_map(const RigidTransform& T_cam_world, double radius);
+  void match_predictions(DescriptorsView descriptors, float ratio, const TrackedFrame& frame);
+  bool solve_pnp(const std::vector<Eigen::Vector3d>& points, const FrameFeatures& features,
+                 const std::vector<Match>& matches, RigidTransform& T_cam_world,
+                 std::vector<Match>& inliers) const;
+  /// phi0 of a match: segmentation left the feature, and the last frames gave it a weight.
+  float initial_weight(float remembered) const;
+  /// Optimizes the pose over `matches_` and writes points and rejections; returns the inliers.
+  int optimize(TrackedFrame& frame, const std::vector<PointId>& ids);
+  int predicted_octave(float max_distance, double distance) const;
+
+  DepthCamera camera_;
+  TrackingOptions options_;
+  bool weighted_;
+  std::vector<float> scale_factors_;
+  PoseEstimation pose_;
+  LocalMap local_map_;
+  RigidTransform velocity_;
+  std::optional<factors::PosePrior> prior_;
+  TrackerTimes times_;
+  SurfaceGrid last_surface_, surface_;
+  Predictions predictions_;
+  std::vector<Match> found_;
+  std::vector<PointMatch> matches_;
+  std::vector<std::uint8_t> taken_;
+};
+
+}  // namespace dynslam::slam

@@ -1,0 +1,126 @@
+#!/usr/bin/env bash
+# The program `dynslam` as a user meets it: what it prints, what it leaves behind, how it fails.
+#
+#   program_test.sh PATH_TO_DYNSLAM SCRATCH_FOLDER
+set -uo pipefail
+dynslam=$1
+work=$2
+rm -rf "$work"
+mkdir -p "$work"
+cd "$work" || exit 1
+failures=0
+
+complain() {
+  echo "FAILED: $1"
+  failures=$((failures + 1))
+}
+
+# expect_failure CODE PATTERN ARGUMENTS...: fails with that code and one line that matches.
+expect_failure() {
+  local code=$1 pattern=$2 status
+  shift 2
+  "$dynslam" "$@" >stdout 2>stderr
+  status=$?
+  [[ $status == "$code" ]] || complain "dynslam $* gave $status, not $code: $(cat stderr)"
+  grep -qE -- "$pattern" stderr || complain "dynslam $*: no '$pattern' in: $(cat stderr)"
+  if [[ $code == 1 ]]; then
+    [[ $(grep -c '^dynslam:' stderr) == 1 ]] || complain "dynslam $*: not one line: $(cat stderr)"
+    [[ ! -s stdout ]] || complain "dynslam $*: printed although it failed"
+  fi
+}
+
+expect_file() {
+  [[ -s $1 ]] || complain "$1 is missing or empty"
+}
+
+# --- a small recording -------------------------------------------------------------------------
+"$dynslam" scene room_walking --frames 12 --out scene >stdout || complain "scene"
+expect_file scene/associations.txt
+expect_file scene/groundtruth.txt
+expect_file scene/camera.txt
+[[ $(find scene/mask -name '*.png' | wc -l) == 12 ]] || complain "12 masks"
+
+# --- run ---------------------------------------------------------------------------------------
+"$dynslam" run --tum scene --system p-yolo --segmenter recorded:scene/mask --out out --json \
+  >summary.json 2>stderr || complain "run: $(cat stderr)"
+[[ ! -s stderr ]] || complain "run printed: $(cat stderr)"
+for key in frames tracked lost keyframes map_points loops relocalizations system ate rpe time_ms \
+  peak_memory_mb version; do
+  grep -q "\"$key\"" summary.json || complain "summary has no $key"
+done
+cmp -s summary.json out/summary.json || complain "--json prints something else than summary.json"
+grep -q '"tracked": 12' summary.json || complain "not all frames tracked"
+for file in trajectory.txt keyframes.txt map.ply frames.csv summary.json report.html; do
+  expect_file "out/$file"
+done
+[[ $(grep -vc '^#' out/trajectory.txt) == 12 ]] || complain "12 poses"
+[[ $(wc -l <out/frames.csv) == 13 ]] || complain "12 rows and a header"
+[[ -z $(find out -name '*.tmp' -o -name '.dynslam*') ]] || complain "temporary files left"
+
+# The trajectory that was written is judged the same by `eval`.
+"$dynslam" eval ate scene/groundtruth.txt out/trajectory.txt --json >ate.json || complain "eval"
+rmse() { sed -n 's/.*"rmse": *\([0-9.e-]*\).*/\1/p' "$1" | head -n 1; }
+awk -v a="$(rmse ate.json)" -v b="$(rmse out/summary.json)" \
+  'BEGIN { d = a - b; exit !(d < 1e-6 && d > -1e-6) }' || complain "eval and run disagree"
+
+# A truncated image is counted and skipped.
+cp -r scene broken
+victim=$(find broken/rgb -name '*.png' | sort | sed -n 6p)
+head -c 1000 "$victim" >cut && mv cut "$victim"
+"$dynslam" run --tum broken --system baseline --out out-broken --json >summary.json 2>stderr ||
+  complain "run on a broken frame"
+grep -q '"unreadable": 1' summary.json || complain "the broken frame is not counted"
+grep -q "frame skipped: .*$(basename "$victim")" stderr || complain "the broken frame is not named"
+
+# Time that runs backwards is left out and said.
+cp -r scene backwards
+sed -i '5{h;d};6{G}' backwards/associations.txt
+"$dynslam" run --tum backwards --system baseline --out out-backwards --json >summary.json \
+  2>stderr || complain "run on disordered time: $(cat stderr)"
+grep -q '1 frames left out' stderr || complain "disorder is not said: $(cat stderr)"
+
+# Without truth there is no error, but everything else.
+cp -r scene untold
+rm untold/groundtruth.txt
+"$dynslam" run --tum untold --system baseline --out out-untold --json >summary.json ||
+  complain "run without truth"
+grep -q '"ate"' summary.json && complain "an error without truth"
+expect_file out-untold/report.html
+
+# --- bad input ---------------------------------------------------------------------------------
+mkdir empty
+expect_failure 2 'system' run --tum scene --system nonsense --out x
+expect_failure 2 'out' run --tum scene
+expect_failure 2 'tum' run --out x
+expect_failure 2 'subcommand' notacommand
+expect_failure 1 'nowhere' run --tum nowhere --out x
+expect_failure 1 'empty' run --tum empty --out x
+expect_failure 1 'frames' run --tum scene --frames 5 --out x
+expect_failure 1 'frames' run --tum scene --frames 9:4 --out x
+expect_failure 1 'first' run --tum scene --frames 50:60 --out x
+expect_failure 1 'camera' run --tum scene --camera 1,2 --out x
+expect_failure 1 'room_walking' run --scene atlantis --out x
+expect_failure 1 'segmenter|kind|recorded' run --tum scene --segmenter magic:beans --out x
+expect_failure 1 'nomasks' run --tum scene --segmenter recorded:nomasks --out x
+printf 'not a network' >model.onnx
+expect_failure 1 'model.onnx' run --tum scene --segmenter yolo-seg:model.onnx --out x
+: >file
+expect_failure 1 'file' run --tum scene --out file/x
+if [[ -c /dev/full ]]; then
+  mkdir full && ln -s /dev/full full/.dynslam-probe.tmp
+  expect_failure 1 'full' run --tum scene --out full
+fi
+cp -r scene flat
+for image in flat/depth/*.png; do cp "scene/mask/$(basename "$image")" "$image"; done
+expect_failure 1 'depth.*16' run --tum flat --system baseline --out x
+printf '1 0 0 0 0 0 0 nan\n' >nan.txt
+expect_failure 1 'nan.txt:1' eval ate scene/groundtruth.txt nan.txt
+expect_failure 1 'scene' scene room_walking --frames 3 --out scene
+
+for subcommand in run eval segment scene; do
+  "$dynslam" "$subcommand" --help >stdout || complain "$subcommand --help"
+  grep -q 'Example' stdout || complain "$subcommand --help shows no example"
+done
+
+((failures == 0)) && echo "all good"
+exit $((failures > 0))
