@@ -13,12 +13,6 @@
 
 namespace dynslam::slam {
 
-/// What one keyframe changed.
-struct MappingResult {
-  KeyframeId keyframe = kNoId;
-  std::vector<KeyframeId> culled;  ///< keyframes about to go; they are still in the map
-};
-
 class LocalMapper {
  public:
   LocalMapper(const DepthCamera& camera, const SystemOptions& options,
@@ -39,8 +33,8 @@ class LocalMapper {
   void drop_bad_points(Map& map);
   void fuse_neighbours(Map& map, KeyframeId keyframe);
   void fuse_into(Map& map, const std::vector<PointId>& points, KeyframeId keyframe);
+  void join(Map& map, PointId candidate, const Observation& at);
   void adjust_bundle(Map& map, KeyframeId keyframe);
-  int predicted_octave(float max_distance, double distance) const;
 
   DepthCamera camera_;
   SystemOptions options_;

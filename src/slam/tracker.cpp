@@ -11,6 +11,7 @@
 #include "dynslam/features/matcher.hpp"
 
 #include "stopwatch.hpp"
+#include "visibility.hpp"
 
 namespace dynslam::slam {
 namespace {
@@ -52,13 +53,6 @@ TrackerTimes Tracker::take_times() {
   const TrackerTimes times = times_;
   times_ = {};
   return times;
-}
-
-int Tracker::predicted_octave(float max_distance, double distance) const {
-  const double ratio = max_distance / distance;
-  const double level = std::log(ratio) / std::log(static_cast<double>(scale_factors_[1]));
-  return std::clamp(static_cast<int>(std::ceil(level)), 0,
-                    static_cast<int>(scale_factors_.size()) - 1);
 }
 
 void Tracker::predict_from_last(const Map& map, const TrackedFrame& last, double radius,
@@ -168,33 +162,23 @@ bool Tracker::align_depth(const TrackedFrame& last, const TrackedFrame& frame) {
   return false;
 }
 
-std::size_t Tracker::predict_from_map(const RigidTransform& T_cam_world, double radius) {
-  const Eigen::Vector3d centre = T_cam_world.inverse().t;
+void Tracker::predict_from_map(const RigidTransform& T_cam_world, double radius) {
+  const Visibility visible(camera_, scale_factors_, T_cam_world);
   predictions_.resize(local_map_.size());
-  std::size_t visible = 0;
   for (std::size_t i = 0; i < local_map_.size(); ++i) {
-    const Eigen::Vector3d& position = local_map_.positions[i];
-    const auto pixel = camera_.project_into_image(T_cam_world * position);
-    if (!pixel) continue;
-    const Eigen::Vector3d ray = position - centre;
-    const double distance = ray.norm();
-    if (distance < 0.8 * local_map_.min_distances[i] ||
-        distance > 1.2 * local_map_.max_distances[i])
-      continue;
-    const double cosine = ray.dot(local_map_.normals[i].cast<double>()) / distance;
-    if (cosine < 0.5) continue;
-    const int octave = predicted_octave(local_map_.max_distances[i], distance);
+    const auto sighting = visible(local_map_.positions[i], local_map_.normals[i],
+                                  local_map_.min_distances[i], local_map_.max_distances[i]);
+    if (!sighting) continue;
     predictions_.ids[i] = local_map_.ids[i];
-    predictions_.positions[i] = position;
+    predictions_.positions[i] = local_map_.positions[i];
     predictions_.weights[i] = local_map_.weights[i];
-    predictions_.pixels[i] = {static_cast<float>(pixel->x()), static_cast<float>(pixel->y())};
-    predictions_.radii[i] = static_cast<float>(radius * (cosine > 0.998 ? 0.7 : 1.0)) *
-                            scale_factors_[static_cast<std::size_t>(octave)];
-    predictions_.min_octaves[i] = octave - 1;
-    predictions_.max_octaves[i] = octave + 1;
-    ++visible;
+    predictions_.pixels[i] = {static_cast<float>(sighting->pixel.x()),
+                              static_cast<float>(sighting->pixel.y())};
+    predictions_.radii[i] = static_cast<float>(radius * (sighting->cosine > 0.998 ? 0.7 : 1.0)) *
+                            scale_factors_[static_cast<std::size_t>(sighting->octave)];
+    predictions_.min_octaves[i] = sighting->octave - 1;
+    predictions_.max_octaves[i] = sighting->octave + 1;
   }
-  return visible;
 }
 
 int Tracker::track_local_map(Map& map, KeyframeId reference, TrackedFrame& frame, bool wide) {

@@ -76,7 +76,7 @@ class Tracker {
                         TrackedFrame& frame);
   void predict_from_last(const Map& map, const TrackedFrame& last, double radius,
                          const RigidTransform& T_cam_world);
-  std::size_t predict_from_map(const RigidTransform& T_cam_world, double radius);
+  void predict_from_map(const RigidTransform& T_cam_world, double radius);
   void match_predictions(DescriptorsView descriptors, float ratio, const TrackedFrame& frame);
   bool solve_pnp(const std::vector<Eigen::Vector3d>& points, const FrameFeatures& features,
                  const std::vector<Match>& matches, RigidTransform& T_cam_world,
@@ -85,7 +85,6 @@ class Tracker {
   float initial_weight(float remembered) const;
   /// Optimizes the pose over `matches_` and writes points and rejections; returns the inliers.
   int optimize(TrackedFrame& frame, const std::vector<PointId>& ids);
-  int predicted_octave(float max_distance, double distance) const;
 
   DepthCamera camera_;
   TrackingOptions options_;

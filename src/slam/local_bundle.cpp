@@ -1,0 +1,105 @@
+#include "local_bundle.hpp"
+
+#include <algorithm>
+#include <map>
+#include <unordered_set>
+#include <utility>
+
+namespace dynslam::slam {
+namespace {
+
+constexpr int kMinShared = 15;        // points that make two keyframes neighbours
+constexpr std::size_t kMaxHeld = 30;  // keyframes held in place
+
+}  // namespace
+
+LocalBundle::LocalBundle(const Map& map, KeyframeId keyframe, int count,
+                         const std::vector<float>& scale_factors) {
+  keyframes_ = map.covisible_keyframes(keyframe, static_cast<std::size_t>(count - 1), kMinShared);
+  keyframes_.push_back(keyframe);
+  free_count_ = keyframes_.size();
+  std::unordered_set<PointId> taken;
+  for (const KeyframeId id : keyframes_) {
+    index_.emplace(id, static_cast<std::uint32_t>(index_.size()));
+    for (const PointId point : map.keyframe(id).points) {
+      if (point != kNoId && taken.insert(point).second) points_.push_back(point);
+    }
+  }
+  hold_observers(map);
+  add_observations(map, scale_factors);
+}
+
+// Keyframes that see the points from outside stay where they are; without any, the oldest does, so
+// that the bundle cannot drift as a whole.
+void LocalBundle::hold_observers(const Map& map) {
+  std::map<KeyframeId, int> outside;
+  for (const PointId point : points_) {
+    for (const Observation& o : map.point(point).observations) {
+      if (index_.count(o.keyframe) == 0) ++outside[o.keyframe];
+    }
+  }
+  std::vector<std::pair<int, KeyframeId>> held;
+  for (const auto& [keyframe, shared] : outside) held.emplace_back(-shared, keyframe);
+  std::sort(held.begin(), held.end());
+  if (held.size() > kMaxHeld) held.resize(kMaxHeld);
+  for (const auto& entry : held) {
+    index_.emplace(entry.second, static_cast<std::uint32_t>(keyframes_.size()));
+    keyframes_.push_back(entry.second);
+  }
+  const auto older = [&](KeyframeId a, KeyframeId b) {
+    return map.keyframe(a).number < map.keyframe(b).number;
+  };
+  const KeyframeId oldest = *std::min_element(keyframes_.begin(), keyframes_.end(), older);
+  for (std::size_t i = 0; i < keyframes_.size(); ++i) {
+    poses_.push_back(map.keyframe(keyframes_[i]).T_cam_world);
+    fixed_.push_back(i >= free_count_ || (held.empty() && keyframes_[i] == oldest));
+  }
+}
+
+void LocalBundle::add_observations(const Map& map, const std::vector<float>& scale_factors) {
+  for (const PointId id : points_) {
+    const MapPoint& point = map.point(id);
+    for (const Observation& o : point.observations) {
+      const auto found = index_.find(o.keyframe);
+      if (found == index_.end()) continue;
+      const FrameFeatures& features = *map.keyframe(o.keyframe).features;
+      const cv::KeyPoint& keypoint = features.keypoints[o.feature];
+      factors::BundleObservation observation;
+      observation.keyframe = found->second;
+      observation.point = static_cast<std::uint32_t>(positions_.size());
+      observation.u = keypoint.pt.x;
+      observation.v = keypoint.pt.y;
+      observation.right_column = features.right_columns[o.feature];
+      observation.inverse_sigma = 1.0F / scale_factors[static_cast<std::size_t>(keypoint.octave)];
+      observation.weight = point.static_weight;
+      observations_.push_back(observation);
+    }
+    positions_.push_back(point.position);
+  }
+}
+
+void LocalBundle::solve(const DepthCamera& camera, factors::BundleWorkspace& workspace, Map& map) {
+  inliers_.assign(observations_.size(), 0);
+  factors::BundleProblem problem;
+  problem.camera = camera;
+  problem.T_cam_world = poses_;
+  problem.keyframe_fixed = fixed_;
+  problem.points_world = positions_;
+  problem.observations = observations_;
+  problem.inliers = inliers_;
+  const factors::BundleSummary summary = factors::optimize_bundle(problem, {}, &workspace);
+  if (factors::usable(summary.status)) write_back(map);
+}
+
+void LocalBundle::write_back(Map& map) const {
+  for (std::size_t i = 0; i < free_count_; ++i) map.keyframe(keyframes_[i]).T_cam_world = poses_[i];
+  for (std::size_t i = 0; i < points_.size(); ++i) map.point(points_[i]).position = positions_[i];
+  for (std::size_t i = 0; i < observations_.size(); ++i) {
+    const PointId point = points_[observations_[i].point];
+    if (inliers_[i] == 0 && map.find_point(point) != nullptr) {
+      map.erase_observation(point, keyframes_[observations_[i].keyframe]);
+    }
+  }
+}
+
+}  // namespace dynslam::slam
