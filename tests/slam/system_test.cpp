@@ -130,7 +130,10 @@ TEST(System, FollowsTheDepthWhileTheImageIsDark) {
     if (i >= 15 && i < 19) input.image = cv::Mat::zeros(240, 320, CV_8UC3);
     const FrameResult result = system.track(input);
     EXPECT_EQ(result.state, TrackingState::kTracked) << i;
-    if (i < 19) EXPECT_EQ(result.depth_aligned, i >= 15) << i;
+    // The first light frame has no features before it to go by.
+    if (i != 19) {
+      EXPECT_EQ(result.depth_aligned, i >= 15 && i < 19) << i;
+    }
   }
   EXPECT_LT(ate(system, frames), 0.03);
 }
