@@ -47,9 +47,9 @@ class Chain {
       for (std::size_t k = 0; k < count; ++k) some[k] = all[source[k]];
       return some;
     };
-    const PairsView seen{select(pairs.x1),   select(pairs.y1),       select(pairs.x2),
-                         select(pairs.y2),   select(pairs.distance), select(pairs.rotation),
-                         select(pairs.zoom), select(pairs.size1)};
+    const PairsView seen{select(pairs.x1),  select(pairs.y1),       select(pairs.x2),
+                         select(pairs.y2),  select(pairs.distance), select(pairs.rotation),
+                         select(pairs.zoom)};
     const auto kept = workspace.take_filled<std::uint8_t>(count, 0);
     const auto scores = workspace.take_filled<float>(count, 0.0F);
     rule(seen, kept, scores, workspace);

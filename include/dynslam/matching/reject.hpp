@@ -29,7 +29,6 @@ struct PairsBuffer {
         distance(workspace.take<float>(capacity)),
         rotation(workspace.take<float>(capacity)),
         zoom(workspace.take<float>(capacity)),
-        size1(workspace.take<float>(capacity)),
         source(workspace.take<std::uint32_t>(capacity)) {}
 
   void push(const Keypoint& a, const Keypoint& b, float descriptor_distance, std::size_t index) {
@@ -43,11 +42,7 @@ struct PairsBuffer {
     if (!(turn >= 0.0F && turn < 360.0F)) turn = std::numeric_limits<float>::quiet_NaN();
     rotation[size] = turn;
     const bool sized = a.size > 0.0F && b.size > 0.0F && std::isfinite(a.size / b.size);
-    // Most hosts keep one size for each of a few octaves, so the ratio is mostly 1.
-    zoom[size] = !sized             ? std::numeric_limits<float>::quiet_NaN()
-                 : a.size == b.size ? 0.0F
-                                    : std::log2(b.size / a.size);
-    size1[size] = sized ? a.size : 0.0F;
+    zoom[size] = sized ? b.size / a.size : 0.0F;
     has_rotation |= turn == turn;
     has_zoom |= sized;
     has_distance |= descriptor_distance != 0.0F;
@@ -65,18 +60,18 @@ struct PairsBuffer {
             known(y2, true),
             known(distance, has_distance),
             known(rotation, has_rotation),
-            known(zoom, has_zoom),
-            known(size1, has_zoom)};
+            known(zoom, has_zoom)};
   }
 
-  Span<float> x1, y1, x2, y2, distance, rotation, zoom, size1;
+  Span<float> x1, y1, x2, y2, distance, rotation, zoom;
   Span<std::uint32_t> source;
   std::size_t size = 0;
   bool has_distance = false, has_rotation = false, has_zoom = false;
 };
 
-inline bool is_finite(const Keypoint& keypoint) {
-  return std::isfinite(keypoint.x) && std::isfinite(keypoint.y);
+/// Finite, and so near that squares of differences stay so (false for NaN).
+inline bool is_usable(const Keypoint& keypoint) {
+  return std::abs(keypoint.x) <= kLargestCoordinate && std::abs(keypoint.y) <= kLargestCoordinate;
 }
 
 template <typename Matches, typename Points1, typename Points2>
@@ -95,7 +90,7 @@ std::size_t gather(const Matches& matches, const Points1& points1, const Points2
     ++count;
     const Keypoint a = keypoint_at(points1, static_cast<std::size_t>(match.query));
     const Keypoint b = keypoint_at(points2, static_cast<std::size_t>(match.train));
-    if (is_finite(a) && is_finite(b)) {
+    if (is_usable(a) && is_usable(b)) {
       buffer.push(a, b, std::isfinite(match.distance) ? match.distance : 0.0F, i);
     }
   }
@@ -181,7 +176,7 @@ Rejection reject_pairs(const Rule& rule, const Points1& points1, const Points2& 
   for (std::size_t i = 0; i < count; ++i) {
     const Keypoint a = detail::keypoint_at(points1, i);
     const Keypoint b = detail::keypoint_at(points2, i);
-    if (detail::is_finite(a) && detail::is_finite(b)) pairs.push(a, b, 0.0F, i);
+    if (detail::is_usable(a) && detail::is_usable(b)) pairs.push(a, b, 0.0F, i);
   }
   Rejection result;
   result.matches = count;
