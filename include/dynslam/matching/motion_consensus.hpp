@@ -95,11 +95,18 @@ class MotionConsensus {
   void operator()(const PairsView& pairs, Span<std::uint8_t> keep, Span<float> weight,
                   Workspace& workspace) const {
     if (pairs.size() < 3) return;
-    const detail::LocalSupport local(
-        pairs, {options_.support_tolerance, options_.support_slope, options_.independence},
-        workspace);
-    Frame frame{pairs, local, {}, 0.0F, 0};
-    for (const float s : local.support()) frame.supported += s > options_.minimum_support;
+    const detail::SupportTolerance tolerance{options_.support_tolerance, options_.support_slope,
+                                             options_.independence};
+    detail::Similarity similarity = detail::dominant_similarity(pairs);
+    if (similarity.doubtful) {
+      const Workspace::Frame scratch(workspace);
+      const detail::LocalSupport turned(pairs, tolerance, similarity, workspace);
+      const detail::LocalSupport straight(pairs, tolerance, {}, workspace);
+      const float minimum = options_.minimum_support;
+      if (straight.count_above(minimum) >= turned.count_above(minimum)) similarity = {};
+    }
+    const detail::LocalSupport local(pairs, tolerance, similarity, workspace);
+    Frame frame{pairs, local, {}, 0.0F, local.count_above(options_.minimum_support)};
     detail::Matrix3d f;
     if (options_.maximum_hypotheses > 0 && frame.supported >= kSampleSize) {
       normalize(frame);

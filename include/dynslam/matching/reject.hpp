@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <limits>
 #include <numeric>
+#include <string>
 #include <vector>
 
 #include "dynslam/core/errors.hpp"
@@ -97,11 +98,19 @@ std::size_t gather(const Matches& matches, const Points1& points1, const Points2
   return count;
 }
 
+/// Builds its message only if there is something to say: `reject` must not allocate.
+inline void check_size(bool fits, const char* function, const char* what, std::size_t size,
+                       std::size_t matches) {
+  if (!fits) {
+    throw_invalid_argument(function, what, size,
+                           "the number of matches, " + std::to_string(matches));
+  }
+}
+
 inline void check_outputs(std::size_t matches, Span<std::uint8_t> keep, Span<float> weight) {
-  require(keep.size() == matches, "matching::reject", "size of keep", keep.size(),
-          "the number of matches, " + std::to_string(matches));
-  require(weight.empty() || weight.size() == matches, "matching::reject", "size of weight",
-          weight.size(), "the number of matches, " + std::to_string(matches) + ", or 0");
+  check_size(keep.size() == matches, "matching::reject", "size of keep", keep.size(), matches);
+  check_size(weight.empty() || weight.size() == matches, "matching::reject", "size of weight",
+             weight.size(), matches);
 }
 
 /// Runs the rule on the gathered pairs and spreads its answer over the host's list.
@@ -167,8 +176,8 @@ template <typename Rule, typename Points1, typename Points2>
 Rejection reject_pairs(const Rule& rule, const Points1& points1, const Points2& points2,
                        Span<std::uint8_t> keep, Span<float> weight, Workspace& workspace) {
   const std::size_t count = detail::keypoint_count(points1);
-  require(detail::keypoint_count(points2) == count, "matching::reject_pairs", "size of points2",
-          detail::keypoint_count(points2), "that of points1, " + std::to_string(count));
+  detail::check_size(detail::keypoint_count(points2) == count, "matching::reject_pairs",
+                     "size of points2", detail::keypoint_count(points2), count);
   detail::check_outputs(count, keep, weight);
   workspace.reserve(count);
   const Workspace::Frame frame(workspace);

@@ -45,8 +45,9 @@ struct DisplacementHistogram {
     const auto gamma = static_cast<std::size_t>(std::ceil(std::sqrt(static_cast<double>(n))));
     counts = workspace.take_filled<std::uint32_t>(gamma + 1, 0);
     const double width = (high - low) / static_cast<double>(std::max<std::size_t>(gamma, 1));
+    const double origin = low < width ? 0.0 : low;
     for (std::size_t i = 0; i < n; ++i) {
-      const double k = width > 0.0 ? (length[i] - low) / width : 0.0;
+      const double k = width > 0.0 ? (length[i] - origin) / width : 0.0;
       bin_of[i] = static_cast<std::uint32_t>(std::min(k, static_cast<double>(gamma)));
       ++counts[bin_of[i]];
     }
@@ -105,8 +106,8 @@ class FractionOfMode {
 /// P-Mixed 3.2 to the letter: keeps the bins with `p_k >= Pc = max_k p_k`, that is the modal bin,
 /// and those as full.
 ///
-/// Loses most good matches as soon as the camera turns or moves forward; it is here as the paper's
-/// baseline. Departure: bins are counted from dmin (the paper's [kL, (k+1)L) would not reach dmax).
+/// Loses good matches as soon as the camera turns or moves forward, and keeps wrong ones that
+/// happen to be as long: it is here as the paper's baseline.
 class ModalBin {
  public:
   void operator()(const PairsView& pairs, Span<std::uint8_t> keep, Span<float> weight,

@@ -12,8 +12,9 @@ namespace dynslam::matching::detail {
 
 /// Roll and zoom of the second image against the first.
 struct Similarity {
-  float cosine = 1.0F;  ///< times zoom
-  float sine = 0.0F;    ///< times zoom
+  float cosine = 1.0F;    ///< times zoom
+  float sine = 0.0F;      ///< times zoom
+  bool doubtful = false;  ///< not from the key points: compare it with the identity
 };
 
 /// Votes for roll and zoom, at most `kCapacity`.
@@ -70,7 +71,8 @@ inline Similarity dominant_similarity(const PairsView& pairs) {
   if (pairs.size() < 3) return result;
   SimilarityVotes votes;
   if (!pairs.rotation.empty()) vote_by_keypoints(pairs, votes);
-  if (votes.size == 0) vote_by_lines(pairs, votes);
+  const bool by_lines = votes.size == 0;
+  if (by_lines) vote_by_lines(pairs, votes);
   if (votes.size == 0) return result;
   int counts[kBins + 1] = {};
   for (std::size_t i = 0; i < votes.size; ++i) {
@@ -122,6 +124,7 @@ inline Similarity dominant_similarity(const PairsView& pairs) {
   }
   const float mean = sum / std::max(count, 1.0F);
   const float zoom = std::min(std::max(middle * (1.0F + mean) / (1.0F - mean), 0.125F), 8.0F);
+  result.doubtful = by_lines;
   result.cosine = zoom * std::cos(turn);
   result.sine = zoom * std::sin(turn);
   return result;

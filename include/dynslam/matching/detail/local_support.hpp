@@ -46,7 +46,8 @@ inline void bulk_range(Span<const float> values, float& low, float& high) {
 /// the candidates are capped. Each pair is looked at once and counts for both.
 class LocalSupport {
  public:
-  LocalSupport(const PairsView& pairs, const SupportTolerance& tolerance, Workspace& workspace)
+  LocalSupport(const PairsView& pairs, const SupportTolerance& tolerance,
+               const Similarity& similarity, Workspace& workspace)
       : size_(pairs.size()),
         tolerance_(tolerance),
         ax_(workspace.take<float>(size_ + kPadding)),
@@ -56,12 +57,19 @@ class LocalSupport {
         support_(workspace.take_filled<float>(size_ + kPadding, 0.0F)),
         source_(workspace.take<std::uint32_t>(size_)),
         cell_(workspace.take<std::uint32_t>(size_)) {
-    sort_into_cells(pairs, workspace);
+    sort_into_cells(pairs, similarity, workspace);
     count_pairs();
   }
 
   /// Support of the k-th match in grid order.
   Span<const float> support() const { return {support_.data(), size_}; }
+
+  /// Number of matches with more than `minimum`.
+  std::size_t count_above(float minimum) const {
+    std::size_t count = 0;
+    for (const float s : support()) count += s > minimum;
+    return count;
+  }
 
   /// Which match of the input is the k-th in grid order.
   Span<const std::uint32_t> source() const { return source_; }
@@ -90,8 +98,7 @@ class LocalSupport {
   static constexpr std::size_t kCap = 16;
   static constexpr float kMatchesPerCell = 3.0F;
 
-  void sort_into_cells(const PairsView& pairs, Workspace& workspace) {
-    const Similarity similarity = dominant_similarity(pairs);
+  void sort_into_cells(const PairsView& pairs, const Similarity& similarity, Workspace& workspace) {
     const auto x = workspace.take<float>(size_);
     const auto y = workspace.take<float>(size_);
     for (std::size_t i = 0; i < size_; ++i) {
