@@ -5,12 +5,11 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
-#include <limits>
-#include <utility>
 
 #include "dynslam/core/errors.hpp"
 #include "dynslam/core/span.hpp"
 #include "dynslam/matching/detail/epipolar_fit.hpp"
+#include "dynslam/matching/detail/epipolar_search.hpp"
 #include "dynslam/matching/detail/local_support.hpp"
 #include "dynslam/matching/pairs.hpp"
 #include "dynslam/matching/workspace.hpp"
@@ -106,9 +105,9 @@ class MotionConsensus {
       if (straight.count_above(minimum) >= turned.count_above(minimum)) similarity = {};
     }
     const detail::LocalSupport local(pairs, tolerance, similarity, workspace);
-    Frame frame{pairs, local, {}, 0.0F, local.count_above(options_.minimum_support)};
-    detail::Matrix3d f;
-    if (options_.maximum_hypotheses > 0 && frame.supported >= kSampleSize) {
+    Frame frame{pairs, local, supported_matches(local, workspace), {}, 0.0F};
+    detail::Matrix3d f = detail::Matrix3d::Zero();
+    if (options_.maximum_hypotheses > 0 && frame.supported.size() >= detail::kSampleSize) {
       normalize(frame);
       if (find_geometry(frame, workspace, f)) {
         decide_by_geometry(frame, f, keep, weight, workspace);
@@ -119,48 +118,61 @@ class MotionConsensus {
   }
 
  private:
-  static constexpr std::size_t kSampleSize = 8;
-  static constexpr std::size_t kSearchPoints = 300;  // that hypotheses are scored on
+  static constexpr std::size_t kSearchPoints = 200;  // that hypotheses are scored on
   static constexpr std::size_t kRefinePoints = 600;  // that the final model is fitted to
   static constexpr float kSupportedBand = 1.25F;
-  static constexpr int kMinimumHypotheses = 8;
-  static constexpr std::size_t kCandidates = 3;  // hypotheses that are refined
 
   struct Frame {
     const PairsView& pairs;
     const detail::LocalSupport& local;
-    float centre[4];  // of the supported points: x1, y1, x2, y2
-    float scale;      // fit coordinates per pixel
-    std::size_t supported;
-  };
-
-  struct Candidate {
-    detail::Matrix3d f;
-    float cost = std::numeric_limits<float>::infinity();
+    Span<const std::uint32_t> supported;  // in grid order
+    float centre[4];                      // of the supported points: x1, y1, x2, y2
+    float scale;                          // fit coordinates per pixel
   };
 
   bool is_supported(float support) const { return support > options_.minimum_support; }
 
-  /// Centre of the supported points and their mean absolute coordinate.
-  void normalize(Frame& frame) const {
+  Span<const std::uint32_t> supported_matches(const detail::LocalSupport& local,
+                                              Workspace& workspace) const {
+    const auto support = local.support();
+    const auto result = workspace.take<std::uint32_t>(support.size());
+    std::size_t count = 0;
+    for (std::size_t k = 0; k < support.size(); ++k) {
+      result[count] = static_cast<std::uint32_t>(k);
+      count += is_supported(support[k]);
+    }
+    return {result.data(), count};
+  }
+
+  /// Centre of (at most `kSearchPoints` of) the supported points and their mean absolute
+  /// coordinate.
+  static void normalize(Frame& frame) {
     const Span<const float> coordinates[4] = {frame.pairs.x1, frame.pairs.y1, frame.pairs.x2,
                                               frame.pairs.y2};
-    const auto support = frame.local.support();
     const auto source = frame.local.source();
+    const std::size_t step = stride(frame, kSearchPoints);
     double spread = 0.0;
+    double count = 0.0;
     for (int c = 0; c < 4; ++c) {
       double sum = 0.0;
-      for (std::size_t k = 0; k < support.size(); ++k) {
-        if (is_supported(support[k])) sum += coordinates[c][source[k]];
+      count = 0.0;
+      for (std::size_t s = 0; s < frame.supported.size(); s += step) {
+        sum += static_cast<double>(coordinates[c][source[frame.supported[s]]]);
+        count += 1.0;
       }
-      frame.centre[c] = static_cast<float>(sum / static_cast<double>(frame.supported));
-      for (std::size_t k = 0; k < support.size(); ++k) {
-        if (is_supported(support[k]))
-          spread += std::abs(coordinates[c][source[k]] - frame.centre[c]);
+      const float centre = static_cast<float>(sum / count);
+      for (std::size_t s = 0; s < frame.supported.size(); s += step) {
+        spread +=
+            static_cast<double>(std::abs(coordinates[c][source[frame.supported[s]]] - centre));
       }
+      frame.centre[c] = centre;
     }
-    const double count = 4.0 * static_cast<double>(frame.supported);
-    frame.scale = static_cast<float>(count / std::max(spread, 1e-3));
+    frame.scale = static_cast<float>(4.0 * count / std::max(spread, 1e-3));
+  }
+
+  /// Step that leaves at most `capacity` of the supported matches.
+  static std::size_t stride(const Frame& frame, std::size_t capacity) {
+    return (frame.supported.size() + capacity - 1) / capacity;
   }
 
   static void push(const Frame& frame, std::size_t k, float weight, detail::FitPoints& points) {
@@ -171,69 +183,26 @@ class MotionConsensus {
                 (frame.pairs.y2[i] - frame.centre[3]) * frame.scale, weight);
   }
 
-  /// Every k-th supported match, at most `capacity`, in grid order; more support, more weight.
+  /// Every n-th supported match, at most `capacity`, in grid order; more support, more weight.
   detail::FitPoints collect(const Frame& frame, std::size_t capacity, Workspace& workspace) const {
-    detail::FitPoints points(std::min(capacity, frame.supported), workspace);
+    detail::FitPoints points(std::min(capacity, frame.supported.size()), workspace);
     const auto support = frame.local.support();
-    const std::size_t step = (frame.supported + capacity - 1) / capacity;
-    std::size_t seen = 0;
-    for (std::size_t k = 0; k < support.size(); ++k) {
-      if (!is_supported(support[k]) || seen++ % step != 0) continue;
+    const std::size_t step = stride(frame, capacity);
+    for (std::size_t s = 0; s < frame.supported.size(); s += step) {
+      const std::size_t k = frame.supported[s];
       push(frame, k, std::min(1.0F, 0.5F * support[k] / options_.minimum_support), points);
     }
     points.pad();
     return points;
   }
 
-  /// Best hypotheses first. Stops when a sample without a wrong match has been drawn with 99 %, by
-  /// the share that agrees with the best.
-  void sample_hypotheses(const detail::FitPoints& points, float limit,
-                         Candidate (&best)[kCandidates]) const {
-    float total = 0.0F;
-    for (std::size_t i = 0; i < points.size; ++i) total += points.weight[i];
-    std::uint32_t state = (options_.seed * 2654435761U + 12345U) | 1U;
-    for (int h = 1; h <= options_.maximum_hypotheses; ++h) {
-      std::size_t index[kSampleSize];
-      for (std::size_t q = 0; q < kSampleSize; ++q) {
-        // One from each eighth of the grid order, so that the sample is spread over the image.
-        const std::size_t first = q * points.size / kSampleSize;
-        const std::size_t last = (q + 1) * points.size / kSampleSize;
-        state ^= state << 13;
-        state ^= state >> 17;
-        state ^= state << 5;
-        index[q] = first + static_cast<std::size_t>((std::uint64_t{state} * (last - first)) >> 32);
-      }
-      Candidate candidate;
-      if (!detail::fit_eight(points, index, candidate.f)) continue;
-      candidate.cost = detail::truncated_cost(candidate.f, points, limit);
-      for (Candidate& place : best) {
-        if (candidate.cost < place.cost) std::swap(candidate, place);
-      }
-      const float share = std::max(0.0F, 1.0F - best[0].cost / total);
-      const float share2 = share * share;
-      const float all_right = share2 * share2 * share2 * share2;  // eight times
-      if (h >= kMinimumHypotheses && static_cast<float>(h) * all_right > 4.6F) break;
-    }
-  }
-
   bool find_geometry(const Frame& frame, Workspace& workspace, detail::Matrix3d& f) const {
     const float limit = 1.5F * options_.epipolar_tolerance * frame.scale;
     const detail::FitPoints points = collect(frame, kSearchPoints, workspace);
-    Candidate candidates[kCandidates];
-    sample_hypotheses(points, limit, candidates);
-    Candidate best;
-    for (Candidate& candidate : candidates) {
-      if (!(candidate.cost < std::numeric_limits<float>::infinity())) continue;
-      for (const float relaxed : {2.0F, 1.0F, 1.0F}) {
-        detail::refine(candidate.f, points, relaxed * limit);
-      }
-      candidate.cost = detail::truncated_cost(candidate.f, points, limit);
-      if (candidate.cost < best.cost) best = candidate;
-    }
-    if (!(best.cost < std::numeric_limits<float>::infinity())) return false;
-    const detail::FitPoints all = collect(frame, kRefinePoints, workspace);
-    for (int i = 0; i < 4; ++i) detail::refine(best.f, all, limit);
-    f = best.f;
+    const detail::SearchOptions search{limit, options_.maximum_hypotheses, options_.seed};
+    if (!detail::search_geometry(points, search, f)) return false;
+    const detail::FitPoints more = collect(frame, kRefinePoints, workspace);
+    for (int i = 0; i < 4; ++i) detail::refine(f, more, limit);
     return true;
   }
 

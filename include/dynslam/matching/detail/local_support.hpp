@@ -144,20 +144,30 @@ class LocalSupport {
 
   /// Each pair once: the later matches of the own cell, the next cell, and three cells below.
   void count_pairs() {
-    for (std::size_t k = 0; k < size_; ++k) {
-      const std::size_t column = cell_[k] % columns_;
-      const std::size_t row = cell_[k] / columns_;
-      const std::size_t right = std::min(column + 1, columns_ - 1);
+    for (std::size_t row = 0; row < rows_; ++row) {
+      for (std::size_t column = 0; column < columns_; ++column) count_cell(row, column);
+    }
+  }
+
+  void count_cell(std::size_t row, std::size_t column) {
+    const std::size_t cell = row * columns_ + column;
+    const std::size_t right = std::min(column + 1, columns_ - 1);
+    const std::size_t last = start_[row * columns_ + right + 1];
+    std::size_t first_below = 0;
+    std::size_t last_below = 0;
+    if (row + 1 < rows_) {
+      const std::size_t below = (row + 1) * columns_;
+      first_below = start_[below + (column > 0 ? column - 1 : 0)];
+      last_below = start_[below + right + 1];
+    }
+    for (std::size_t k = start_[cell]; k < start_[cell + 1]; ++k) {
       Float4 sum = Float4::Zero();
       const auto add = [&](std::size_t j, const Float4& weight) {
         sum += weight;
         store(load(support_.data() + j) + weight, support_.data() + j);
       };
-      weigh(k, k + 1, start_[row * columns_ + right + 1], add);
-      if (row + 1 < rows_) {
-        const std::size_t below = (row + 1) * columns_;
-        weigh(k, start_[below + (column > 0 ? column - 1 : 0)], start_[below + right + 1], add);
-      }
+      weigh(k, k + 1, last, add);
+      weigh(k, first_below, last_below, add);
       support_[k] += sum.sum();
     }
   }
