@@ -1,5 +1,3 @@
-#include "eval_command.hpp"
-
 #include <cmath>
 #include <cstdio>
 #include <iostream>
@@ -15,6 +13,8 @@
 #include "dynslam/evaluation/plot.hpp"
 #include "dynslam/evaluation/trajectory_io.hpp"
 #include "dynslam/evaluation/trajectory_plots.hpp"
+
+#include "commands.hpp"
 
 namespace dynslam::cli {
 namespace {

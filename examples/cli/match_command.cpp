@@ -1,5 +1,3 @@
-#include "match_command.hpp"
-
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -29,6 +27,8 @@
 #include "dynslam/matching/named_rule.hpp"
 #include "dynslam/matching/opencv.hpp"
 #include "dynslam/matching/reject.hpp"
+
+#include "commands.hpp"
 
 namespace dynslam::cli {
 namespace {

@@ -1,5 +1,3 @@
-#include "segment_command.hpp"
-
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -20,6 +18,8 @@
 #include "dynslam/dataset/readers.hpp"
 #include "dynslam/segmentation/mask_policy.hpp"
 #include "dynslam/segmentation/segmenter_factory.hpp"
+
+#include "commands.hpp"
 
 namespace dynslam::cli {
 namespace {

@@ -117,7 +117,7 @@ printf '1 0 0 0 0 0 0 nan\n' >nan.txt
 expect_failure 1 'nan.txt:1' eval ate scene/groundtruth.txt nan.txt
 expect_failure 1 'scene' scene room_walking --frames 3 --out scene
 
-for subcommand in run eval segment scene; do
+for subcommand in run eval segment match scene; do
   "$dynslam" "$subcommand" --help >stdout || complain "$subcommand --help"
   grep -q 'Example' stdout || complain "$subcommand --help shows no example"
 done
