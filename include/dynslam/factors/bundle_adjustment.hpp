@@ -51,17 +51,17 @@ enum class BundleSolver {
 /// Options of optimize_bundle.
 struct BundleOptions {
   BundleSolver solver = BundleSolver::kSchur;
-  WeightMode weights = WeightMode::kFixed;           ///< Joint/Eliminated: one phi per observation
-  double lambda = 9.0;                               ///< see PoseOptimizerOptions::lambda, > 0
+  WeightMode weights = WeightMode::kFixed;  ///< kJoint/kEliminated: one phi per observation
+  double lambda = 9.0;                      ///< see PoseOptimizerOptions::lambda, > 0
   RobustLoss loss = {LossKind::kHuber, 2.447, 1.0};  ///< of `kFixed`: cost 1/2 phi0^2 rho(s)
   int max_iterations = 10;                           ///< >= 1
   double chi2_mono = 5.991;                          ///< inlier bound on s, 2 rows, > 0
   double chi2_depth = 7.815;                         ///< inlier bound on s, 3 rows, > 0
   double cost_tolerance = 1e-6;   ///< stop on relative decrease below, >= 0 (0: never)
   double initial_damping = 1e-5;  ///< relative to the diagonal, > 0
-  int ceres_dense_keyframes =
-      40;  ///< Ceres only: up to this many free keyframes DENSE_SCHUR, above
-           ///< SPARSE_SCHUR, >= 0; 0: always sparse. Joint: always sparse
+  /// Ceres only: DENSE_SCHUR up to this many free keyframes, SPARSE_SCHUR above, >= 0 (0: always
+  /// sparse); engineering. kJoint is always sparse
+  int ceres_dense_keyframes = 40;
   const std::atomic<bool>* abort = nullptr;  ///< polled between iterations; may be raised from
                                              ///< another thread; the best state so far is kept
 
@@ -104,8 +104,9 @@ bool has_ceres();
 ///
 /// Throws InvalidArgument for indices out of range, sizes that differ, weights outside [0, 1],
 /// a non-finite keyframe, or solver Ceres in a build without it; the problem is untouched then.
-/// Observations with NaN, of a NaN point, or behind the camera do not take part. Thread-safe for
-/// distinct problems and workspaces. O(observations * covisibility) an iteration.
+/// Observations with NaN, of a NaN point, of weight 0, or of a free point with fewer than three
+/// rows do not take part; behind the camera they do not pull. Thread-safe for distinct problems and
+/// workspaces. O(observations * covisibility) an iteration.
 BundleSummary optimize_bundle(const BundleProblem& problem, const BundleOptions& options = {},
                               BundleWorkspace* workspace = nullptr);
 

@@ -28,7 +28,7 @@ enum class SolveStatus {
   kTooFewPoints,   ///< fewer usable observations than `min_observations`; pose is the initial one
   kDegenerate,  ///< data leave a direction of the pose undetermined (points on a line, coincident
                 ///< points); the pose is finite, minimizes the cost, and is not to be trusted
-  kNonFinite,   ///< the initial pose is not finite; returned unchanged (also: no finite cost)
+  kNonFinite,   ///< the initial pose is not finite; returned unchanged
   kAborted,     ///< the abort flag was raised; the best state so far is returned
 };
 
@@ -44,18 +44,17 @@ constexpr bool usable(SolveStatus status) {
 struct PoseOptimizerOptions {
   WeightMode weights = WeightMode::kEliminated;  ///< which of the three solvers
   double lambda = 9.0;  ///< stiffness of the weight prior, squared standard deviations, > 0: at
-                        ///< s = lambda the optimal weight is half of phi0; engineering. Joint and
-                        ///< Eliminated only
-  RobustLoss loss = {LossKind::kHuber, 2.447,
-                     1.0};  ///< loss of `kFixed`: cost
-                            ///< 1/2 phi0^2 rho(s); Joint and Eliminated are robust by themselves
+                        ///< s = lambda the optimal weight is half of phi0; engineering. kJoint
+                        ///< and kEliminated only
+  /// of `kFixed`, cost 1/2 phi0^2 rho(s); kJoint and kEliminated are robust by themselves
+  RobustLoss loss = {LossKind::kHuber, 2.447, 1.0};
   int rounds = 1;  ///< rounds of optimization, >= 1; after each, every observation is tested
                    ///< against chi2 and outliers sit out the next round (ORB-SLAM's habit: 4)
   int max_iterations = 20;    ///< Levenberg-Marquardt iterations a round, >= 1
   double chi2_mono = 5.991;   ///< inlier bound on s for 2 rows, > 0; 95 % of chi^2 with 2 d.o.f.
   double chi2_depth = 7.815;  ///< inlier bound on s for 3 rows, > 0; 95 % of chi^2 with 3 d.o.f.
   bool loss_in_last_round = true;  ///< false: the last of several rounds is plain least squares
-                                   ///< over the inliers (Fixed only; the field's habit)
+                                   ///< over the inliers (kFixed only; the field's habit)
   int min_observations = 4;        ///< usable observations below which nothing is done, >= 3
   double step_tolerance = 1e-7;    ///< stop when |xi| falls below (metres, radians), >= 0
   double cost_tolerance = 1e-7;    ///< stop when the relative decrease of cost falls below, >= 0
@@ -136,7 +135,7 @@ class PoseOptimizer {
   /// Of the last optimize(), by observation; valid until the next call. 1 inlier, 0 outlier or not
   /// usable.
   Span<const std::uint8_t> inliers() const;
-  /// Optimized weight phi (Fixed: phi0); 0 where not usable. Initializes the next frame.
+  /// Optimized weight phi (kFixed: phi0); 0 where not usable. Initializes the next frame.
   Span<const float> weights() const;
   /// s = r' S^-1 r at the result; infinity where not usable.
   Span<const float> squared_residuals() const;
