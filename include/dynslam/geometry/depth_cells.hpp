@@ -1,0 +1,48 @@
+// Coarse copy of a depth image that a keyframe keeps to say later what it saw, and what it saw
+// through.
+#pragma once
+
+#include <vector>
+
+#include "dynslam/core/camera.hpp"
+#include "dynslam/core/image_view.hpp"
+
+namespace dynslam::geometry {
+
+/// Nearest and farthest depth around each cell of `cell` x `cell` pixels.
+///
+/// `near_depth[i]`, `far_depth[i]`: over the cell and its eight neighbours, metres; both 0 where
+/// less than `DepthCellsOptions::min_valid` of these pixels have depth (hole, image border,
+/// out of range): then nothing is known. About 75 KB for 640x480 at cell = 4 and float pairs
+/// 160 x 120 x 8 byte = 154 KB.
+struct DepthCells {
+  PinholeCamera camera;  ///< of the full image
+  int cell = 0;          ///< pixels
+  int width = 0;         ///< cells
+  int height = 0;        ///< cells
+  std::vector<float> near_depth;
+  std::vector<float> far_depth;
+
+  bool empty() const { return near_depth.empty(); }
+};
+
+struct DepthCellsOptions {
+  int cell = 4;            ///< pixels, 1..64; engineering: 160 x 120 cells for VGA
+  double min_valid = 0.6;  ///< share of pixels with depth in 3x3 cells that makes a cell known,
+                           ///< (0, 1]; engineering
+
+  /// Throws InvalidArgument naming the member that breaks its rule.
+  void validate() const;
+};
+
+/// Builds the cells of a depth image (metres; <= 0, NaN and infinity = none).
+///
+/// Throws InvalidArgument if the image has not the camera's size, or options or camera are
+/// invalid; `out` is then untouched. O(pixels), about 0.3 ms for VGA; allocates only while `out`
+/// grows.
+void build_depth_cells(ImageView<const float> depth, const PinholeCamera& camera,
+                       const DepthCellsOptions& options, DepthCells& out);
+
+}  // namespace dynslam::geometry
+
+#include "dynslam/geometry/detail/depth_cells_impl.hpp"
