@@ -2,6 +2,8 @@
 // through.
 #pragma once
 
+#include <algorithm>
+#include <limits>
 #include <vector>
 
 #include "dynslam/core/camera.hpp"
@@ -9,12 +11,28 @@
 
 namespace dynslam::geometry {
 
+namespace detail {
+
+/// Nearest and farthest depth and number of pixels with depth in a block of pixels.
+struct DepthBlock {
+  float nearest = std::numeric_limits<float>::infinity();
+  float farthest = 0.0F;
+  int count = 0;
+
+  void add(const DepthBlock& other) {
+    nearest = std::min(nearest, other.nearest);
+    farthest = std::max(farthest, other.farthest);
+    count += other.count;
+  }
+};
+
+}  // namespace detail
+
 /// Nearest and farthest depth around each cell of `cell` x `cell` pixels.
 ///
 /// `near_depth[i]`, `far_depth[i]`: over the cell and its eight neighbours, metres; both 0 where
-/// less than `DepthCellsOptions::min_valid` of these pixels have depth (hole, image border,
-/// out of range): then nothing is known. About 75 KB for 640x480 at cell = 4 and float pairs
-/// 160 x 120 x 8 byte = 154 KB.
+/// less than `DepthCellsOptions::min_valid` of these pixels have depth (hole, image border, out of
+/// range): then nothing is known. 154 KB for 640x480 and cell = 4.
 struct DepthCells {
   PinholeCamera camera;  ///< of the full image
   int cell = 0;          ///< pixels
@@ -22,6 +40,7 @@ struct DepthCells {
   int height = 0;        ///< cells
   std::vector<float> near_depth;
   std::vector<float> far_depth;
+  std::vector<detail::DepthBlock> blocks;  ///< scratch of `build_depth_cells`
 
   bool empty() const { return near_depth.empty(); }
 };

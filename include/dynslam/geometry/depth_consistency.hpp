@@ -10,6 +10,7 @@
 #include "dynslam/core/rigid_transform.hpp"
 #include "dynslam/core/span.hpp"
 #include "dynslam/geometry/depth_cells.hpp"
+#include "dynslam/geometry/detail/sight.hpp"
 #include "dynslam/geometry/verdict.hpp"
 #include "dynslam/geometry/views.hpp"
 
@@ -19,6 +20,8 @@ namespace dynslam::geometry {
 struct DepthReference {
   RigidTransform T_cur_ref;           ///< reference camera to current camera
   const DepthCells* cells = nullptr;  ///< null or empty: skipped
+  double age = 1.0;  ///< seconds since, >= 0: a mover has not left its place yet in young ones,
+                     ///< whose static votes count less (`settle_time`)
 };
 
 struct DepthConsistencyOptions {
@@ -32,6 +35,8 @@ struct DepthConsistencyOptions {
                                  ///< more is an edge and gives no static vote; engineering
   double dynamic_evidence = 2.0;  ///< log-odds that one violated reference adds, > 0; engineering
   double static_evidence = 0.7;   ///< log-odds that one consistent reference takes away, > 0
+  double settle_time = 1.0;       ///< seconds, > 0: references younger than this give static votes
+                                  ///< in proportion to their age; engineering (walking people)
   double decision = 0.6;          ///< |log-odds| below which a cell is unknown, >= 0
 
   void validate() const;
@@ -40,11 +45,13 @@ struct DepthConsistencyOptions {
 /// What the references say about a grid of pixels (stride * x + stride / 2, same for y).
 struct DepthEvidence {
   int stride = 0;
+  double focal = 0.0;  ///< pixels, the camera's fx
   int width = 0;                ///< cells
   int height = 0;               ///< cells
   std::vector<float> depth;     ///< metres, 0 = none or unreliable (flying pixel)
   std::vector<float> log_odds;  ///< log p(dynamic)/p(static); 0 = no idea
   std::vector<Verdict> verdict;
+  std::vector<detail::SightTally> row;  ///< scratch of `judge_depth`
   int static_cells = 0;
   int dynamic_cells = 0;
   int unknown_cells = 0;  ///< with depth but without verdict

@@ -22,6 +22,7 @@ struct RegionGrowOptions {
                             ///< walls are larger
   int min_cells = 12;       ///< smaller dynamic patches are noise, >= 1
   double decision = 0.4;    ///< shared log-odds that makes a cell dynamic, > 0
+  double feature_weight = 4.0;  ///< cells' worth of a feature's verdict, >= 0; engineering
   int dilate = 0;           ///< pixels that the mask is grown at the end, >= 0
 
   void validate() const;
@@ -29,8 +30,8 @@ struct RegionGrowOptions {
 
 /// Scratch of `grow_regions`. No allocation after warm-up.
 struct RegionGrowWorkspace {
-  std::vector<float> sum, weight, pass;
-  std::vector<std::uint8_t> label;
+  std::vector<float> sum, weight, gain, right, down;
+  std::vector<std::uint8_t> label, line;
   std::vector<int> region, queue;
 };
 

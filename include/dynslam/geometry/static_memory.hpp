@@ -89,13 +89,15 @@ class CellMemory {
   void clear();
 
  private:
+  void carry(const PinholeCamera& camera, const RigidTransform& T_cur_last, double passed,
+             const DepthEvidence& now);
+
   CellMemoryOptions options_;
   bool filled_ = false;
   double time_ = 0.0;
   RigidTransform T_world_cam_;
   DepthEvidence last_;
   std::vector<float> carried_;
-  std::vector<float> carried_depth_;
 };
 
 }  // namespace dynslam::geometry

@@ -1,1 +1,96 @@
+// Implementation of depth_cells.hpp.
 #pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <string>
+
+#include "dynslam/core/errors.hpp"
+#include "dynslam/geometry/verdict.hpp"
+
+namespace dynslam::geometry {
+
+inline void DepthCellsOptions::validate() const {
+  require(cell >= 1 && cell <= 64, "DepthCellsOptions", "cell", cell, "1..64 pixels");
+  require(min_valid > 0.0 && min_valid <= 1.0, "DepthCellsOptions", "min_valid", min_valid,
+          "a number in (0, 1]");
+}
+
+namespace detail {
+
+inline DepthBlock summarize_block(ImageView<const float> depth, int x0, int y0, int side) {
+  DepthBlock block;
+  const int x1 = std::min(x0 + side, depth.width), y1 = std::min(y0 + side, depth.height);
+  for (int y = y0; y < y1; ++y) {
+    const float* row = depth.row(y);
+    for (int x = x0; x < x1; ++x) {
+      if (!has_depth(row[x])) continue;
+      block.nearest = std::min(block.nearest, row[x]);
+      block.farthest = std::max(block.farthest, row[x]);
+      ++block.count;
+    }
+  }
+  return block;
+}
+
+/// Blocks of three rows joined with their left and right neighbours.
+inline void write_cell_row(const DepthBlock* const rows[3], int width, int needed, float* near_out,
+                           float* far_out) {
+  for (int x = 0; x < width; ++x) {
+    DepthBlock sum;
+    for (int r = 0; r < 3; ++r) {
+      if (rows[r] == nullptr) continue;
+      for (int i = std::max(0, x - 1); i <= std::min(width - 1, x + 1); ++i) sum.add(rows[r][i]);
+    }
+    const bool known = sum.count >= needed;
+    near_out[x] = known ? sum.nearest : 0.0F;
+    far_out[x] = known ? sum.farthest : 0.0F;
+  }
+}
+
+inline void require_same_size(ImageView<const float> depth, const PinholeCamera& camera,
+                              const char* function) {
+  camera.validate();
+  require(depth.data != nullptr, function, "depth", "null", "an image");
+  require(depth.width == camera.width, function, "depth.width", depth.width,
+          std::to_string(camera.width) + ", the camera's");
+  require(depth.height == camera.height, function, "depth.height", depth.height,
+          std::to_string(camera.height) + ", the camera's");
+}
+
+}  // namespace detail
+
+inline void build_depth_cells(ImageView<const float> depth, const PinholeCamera& camera,
+                              const DepthCellsOptions& options, DepthCells& out) {
+  options.validate();
+  detail::require_same_size(depth, camera, "build_depth_cells");
+  const int side = options.cell;
+  const int width = (depth.width + side - 1) / side, height = (depth.height + side - 1) / side;
+  const int needed =
+      std::max(1, static_cast<int>(std::ceil(options.min_valid * 9.0 * side * side)));
+  // Three rows of blocks in turn; they live in the outputs' own vector of blocks.
+  out.blocks.resize(static_cast<std::size_t>(width) * 3);
+  out.near_depth.resize(static_cast<std::size_t>(width) * height);
+  out.far_depth.resize(out.near_depth.size());
+  const auto block_row = [&](int y) { return out.blocks.data() + (y % 3) * width; };
+  const auto fill = [&](int y) {
+    for (int x = 0; x < width; ++x) {
+      block_row(y)[x] = detail::summarize_block(depth, x * side, y * side, side);
+    }
+  };
+  fill(0);
+  for (int y = 0; y < height; ++y) {
+    if (y + 1 < height) fill(y + 1);
+    const detail::DepthBlock* rows[3] = {y > 0 ? block_row(y - 1) : nullptr, block_row(y),
+                                         y + 1 < height ? block_row(y + 1) : nullptr};
+    const std::size_t at = static_cast<std::size_t>(y) * width;
+    detail::write_cell_row(rows, width, needed, &out.near_depth[at], &out.far_depth[at]);
+  }
+  out.camera = camera;
+  out.cell = side;
+  out.width = width;
+  out.height = height;
+}
+
+}  // namespace dynslam::geometry

@@ -1,1 +1,295 @@
+// Implementation of region_grow.hpp.
 #pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <string>
+
+#include "dynslam/core/errors.hpp"
+
+namespace dynslam::geometry {
+
+inline void RegionGrowOptions::validate() const {
+  const char* me = "RegionGrowOptions";
+  require(std::isfinite(jump) && jump > 0.0, me, "jump", jump, "a positive number");
+  require(std::isfinite(reach) && reach > 0.0, me, "reach", reach, "a positive number");
+  require(fill_share > 0.0 && fill_share <= 1.0, me, "fill_share", fill_share,
+          "a number in (0, 1]");
+  require(max_fill > 0.0 && max_fill <= 1.0, me, "max_fill", max_fill, "a number in (0, 1]");
+  require(min_cells >= 1, me, "min_cells", min_cells, "at least 1");
+  require(std::isfinite(decision) && decision > 0.0, me, "decision", decision,
+          "a positive number");
+  require(std::isfinite(feature_weight) && feature_weight >= 0.0, me, "feature_weight",
+          feature_weight, "a finite number >= 0");
+  require(dilate >= 0, me, "dilate", dilate, "a number of pixels >= 0");
+}
+
+namespace detail {
+
+/// Whether the surface goes on from cell b to its neighbour c, given the cells before (a) and after
+/// (d) in the same direction, 0 = none: the step must not exceed what the slope on either side
+/// explains.
+inline bool surface_continues(float a, float b, float c, float d, float jump) {
+  if (b <= 0.0F || c <= 0.0F) return false;
+  const float step = std::abs(c - b);
+  const float tolerance = jump * std::min(b, c);
+  if (step <= tolerance) return true;
+  if (step > 4.0F * tolerance) return false;
+  const float before = a > 0.0F ? std::abs((c - b) - (b - a)) : step;
+  const float after = d > 0.0F ? std::abs((d - c) - (c - b)) : step;
+  return std::max(before, after) <= 0.5F * tolerance;
+}
+
+/// Distance in metres between each cell and its right (lower) neighbour, negative where the surface
+/// breaks off.
+inline void link_cells(const DepthEvidence& e, float jump, std::vector<float>& right,
+                       std::vector<float>& down) {
+  const float pitch = static_cast<float>(e.stride / e.focal);
+  const auto z = [&](int x, int y) {
+    return x >= 0 && y >= 0 && x < e.width && y < e.height
+               ? e.depth[static_cast<std::size_t>(y) * e.width + x]
+               : 0.0F;
+  };
+  const auto link = [&](float a, float b, float c, float d) {
+    if (!surface_continues(a, b, c, d, jump)) return -1.0F;
+    return pitch * 0.5F * (b + c) + std::abs(c - b);
+  };
+  for (int y = 0; y < e.height; ++y) {
+    for (int x = 0; x < e.width; ++x) {
+      const std::size_t i = static_cast<std::size_t>(y) * e.width + x;
+      right[i] = link(z(x - 1, y), z(x, y), z(x + 1, y), z(x + 2, y));
+      down[i] = link(z(x, y - 1), z(x, y), z(x, y + 1), z(x, y + 2));
+    }
+  }
+}
+
+/// One recursive pass there and back over a line of `n` cells `step` apart.
+inline void smooth_line(float* sum, float* weight, const float* gain, int n, int step) {
+  for (int i = 1; i < n; ++i) {
+    const float a = gain[(i - 1) * step];
+    sum[i * step] += a * (sum[(i - 1) * step] - sum[i * step]);
+    weight[i * step] += a * (weight[(i - 1) * step] - weight[i * step]);
+  }
+  for (int i = n - 2; i >= 0; --i) {
+    const float a = gain[i * step];
+    sum[i * step] += a * (sum[(i + 1) * step] - sum[i * step]);
+    weight[i * step] += a * (weight[(i + 1) * step] - weight[i * step]);
+  }
+}
+
+/// Domain transform filter of evidence and its weight along the surface.
+inline void share_evidence(const DepthEvidence& e, double reach, RegionGrowWorkspace& w) {
+  constexpr int kPasses = 2;
+  for (int pass = 0; pass < kPasses; ++pass) {
+    const double sigma = reach * std::sqrt(3.0) * std::pow(2.0, kPasses - 1 - pass) /
+                         std::sqrt(std::pow(4.0, kPasses) - 1.0);
+    const float rate = static_cast<float>(-std::sqrt(2.0) / sigma);
+    const auto gains = [&](const std::vector<float>& link) {
+      for (std::size_t i = 0; i < link.size(); ++i) {
+        w.gain[i] = link[i] < 0.0F ? 0.0F : std::exp(rate * link[i]);
+      }
+    };
+    gains(w.right);
+    for (int y = 0; y < e.height; ++y) {
+      const std::size_t at = static_cast<std::size_t>(y) * e.width;
+      smooth_line(&w.sum[at], &w.weight[at], &w.gain[at], e.width, 1);
+    }
+    gains(w.down);
+    for (int x = 0; x < e.width; ++x) {
+      smooth_line(&w.sum[x], &w.weight[x], &w.gain[x], e.height, e.width);
+    }
+  }
+}
+
+/// Cells reached from `seed` through cells for which `enter(from, to, linked)` holds, in `w.queue`.
+template <typename Enter>
+void flood(const DepthEvidence& e, int seed, int id, RegionGrowWorkspace& w, const Enter& enter) {
+  w.queue.clear();
+  w.queue.push_back(seed);
+  w.region[static_cast<std::size_t>(seed)] = id;
+  const auto visit = [&](int to, bool linked) {
+    if (w.region[static_cast<std::size_t>(to)] >= 0 || !enter(to, linked)) return;
+    w.region[static_cast<std::size_t>(to)] = id;
+    w.queue.push_back(to);
+  };
+  for (std::size_t head = 0; head < w.queue.size(); ++head) {
+    const int i = w.queue[head], x = i % e.width, y = i / e.width;
+    if (x + 1 < e.width) visit(i + 1, w.right[static_cast<std::size_t>(i)] >= 0.0F);
+    if (x > 0) visit(i - 1, w.right[static_cast<std::size_t>(i - 1)] >= 0.0F);
+    if (y + 1 < e.height) visit(i + e.width, w.down[static_cast<std::size_t>(i)] >= 0.0F);
+    if (y > 0) visit(i - e.width, w.down[static_cast<std::size_t>(i - e.width)] >= 0.0F);
+  }
+}
+
+/// Fills depth-connected regions that are mostly dynamic.
+inline void fill_regions(const DepthEvidence& e, const RegionGrowOptions& o,
+                         RegionGrowWorkspace& w) {
+  const int cells = e.width * e.height;
+  std::fill(w.region.begin(), w.region.end(), -1);
+  for (int seed = 0; seed < cells; ++seed) {
+    if (w.region[static_cast<std::size_t>(seed)] >= 0 ||
+        e.depth[static_cast<std::size_t>(seed)] <= 0.0F) {
+      continue;
+    }
+    flood(e, seed, seed, w, [](int, bool linked) { return linked; });
+    int dynamic = 0, judged = 0;
+    for (const int i : w.queue) {
+      const std::size_t k = static_cast<std::size_t>(i);
+      judged += w.weight[k] > 0.05F ? 1 : 0;
+      dynamic += w.label[k] != 0 ? 1 : 0;
+    }
+    if (dynamic < o.fill_share * judged || dynamic == 0) continue;
+    if (static_cast<double>(w.queue.size()) > o.max_fill * cells) continue;
+    for (const int i : w.queue) w.label[static_cast<std::size_t>(i)] = 255;
+  }
+}
+
+/// Removes dynamic patches of fewer than `min_cells` cells.
+inline void remove_small(const DepthEvidence& e, int min_cells, RegionGrowWorkspace& w) {
+  const int cells = e.width * e.height;
+  std::fill(w.region.begin(), w.region.end(), -1);
+  for (int seed = 0; seed < cells; ++seed) {
+    const std::size_t s = static_cast<std::size_t>(seed);
+    if (w.region[s] >= 0 || w.label[s] == 0) continue;
+    flood(e, seed, seed, w,
+          [&](int to, bool) { return w.label[static_cast<std::size_t>(to)] != 0; });
+    if (static_cast<int>(w.queue.size()) >= min_cells) continue;
+    for (const int i : w.queue) w.label[static_cast<std::size_t>(i)] = 0;
+  }
+}
+
+/// Label of the cell around (cx, cy) that is nearest in depth to z.
+inline std::uint8_t nearest_label(const DepthEvidence& e, const RegionGrowWorkspace& w, int cx,
+                                  int cy, float z) {
+  float best = 1e9F;
+  std::uint8_t label = w.label[static_cast<std::size_t>(cy) * e.width + cx];
+  for (int y = std::max(0, cy - 1); y <= std::min(e.height - 1, cy + 1); ++y) {
+    for (int x = std::max(0, cx - 1); x <= std::min(e.width - 1, cx + 1); ++x) {
+      const std::size_t i = static_cast<std::size_t>(y) * e.width + x;
+      if (e.depth[i] <= 0.0F) continue;
+      const float away = std::abs(e.depth[i] - z) + (x == cx && y == cy ? 0.0F : 0.01F);
+      if (away < best) {
+        best = away;
+        label = w.label[i];
+      }
+    }
+  }
+  return label;
+}
+
+/// Whether a cell and its neighbours agree, so that its pixels need no second look.
+inline bool uniform(const DepthEvidence& e, const RegionGrowWorkspace& w, int cx, int cy) {
+  const std::uint8_t label = w.label[static_cast<std::size_t>(cy) * e.width + cx];
+  for (int y = std::max(0, cy - 1); y <= std::min(e.height - 1, cy + 1); ++y) {
+    for (int x = std::max(0, cx - 1); x <= std::min(e.width - 1, cx + 1); ++x) {
+      if (w.label[static_cast<std::size_t>(y) * e.width + x] != label) return false;
+    }
+  }
+  return true;
+}
+
+inline void paint(ImageView<const float> depth, const DepthEvidence& e,
+                  const RegionGrowWorkspace& w, ImageView<std::uint8_t> mask) {
+  for (int cy = 0; cy < e.height; ++cy) {
+    const int y0 = cy * e.stride, y1 = std::min(y0 + e.stride, mask.height);
+    for (int cx = 0; cx < e.width; ++cx) {
+      const int x0 = cx * e.stride, x1 = std::min(x0 + e.stride, mask.width);
+      const std::uint8_t label = w.label[static_cast<std::size_t>(cy) * e.width + cx];
+      if (uniform(e, w, cx, cy)) {
+        for (int y = y0; y < y1; ++y) std::fill(mask.row(y) + x0, mask.row(y) + x1, label);
+        continue;
+      }
+      for (int y = y0; y < y1; ++y) {
+        for (int x = x0; x < x1; ++x) {
+          const float z = depth(x, y);
+          mask(x, y) = has_depth(z) ? nearest_label(e, w, cx, cy, z) : label;
+        }
+      }
+    }
+  }
+}
+
+/// Grows the mask by `radius` pixels (square), one axis after the other.
+inline void dilate_mask(ImageView<std::uint8_t> mask, int radius, RegionGrowWorkspace& w) {
+  const auto line = [&](std::uint8_t* first, int n, std::ptrdiff_t step) {
+    w.line.assign(static_cast<std::size_t>(n), 0);
+    int until = -1;  // last pixel covered by a set one to the left
+    for (int i = 0; i < n; ++i) {
+      if (first[i * step] != 0) until = i + radius;
+      if (i <= until) w.line[static_cast<std::size_t>(i)] = 255;
+    }
+    until = n;
+    for (int i = n - 1; i >= 0; --i) {
+      if (first[i * step] != 0) until = i - radius;
+      if (i >= until) w.line[static_cast<std::size_t>(i)] = 255;
+    }
+    for (int i = 0; i < n; ++i) first[i * step] = w.line[static_cast<std::size_t>(i)];
+  };
+  for (int y = 0; y < mask.height; ++y) line(mask.row(y), mask.width, 1);
+  for (int x = 0; x < mask.width; ++x) line(mask.data + x, mask.height, mask.stride_bytes);
+}
+
+inline double dynamic_share(ImageView<std::uint8_t> mask) {
+  std::size_t set = 0;
+  for (int y = 0; y < mask.height; ++y) {
+    const std::uint8_t* row = mask.row(y);
+    for (int x = 0; x < mask.width; ++x) set += row[x] >> 7;
+  }
+  return static_cast<double>(set) / (static_cast<double>(mask.width) * mask.height);
+}
+
+}  // namespace detail
+
+inline double grow_regions(ImageView<const float> depth, const DepthEvidence& evidence,
+                           Pixels pixels, Span<const FeatureVerdict> verdicts,
+                           const RegionGrowOptions& options, RegionGrowWorkspace& w,
+                           ImageView<std::uint8_t> mask) {
+  const char* me = "grow_regions";
+  options.validate();
+  require(mask.data != nullptr && mask.same_size(depth), me, "mask.width x height",
+          std::to_string(mask.width) + " x " + std::to_string(mask.height),
+          std::to_string(depth.width) + " x " + std::to_string(depth.height) + ", the depth's");
+  const int stride = evidence.stride;
+  require(stride >= 1 && evidence.width == (depth.width + stride - 1) / stride &&
+              evidence.height == (depth.height + stride - 1) / stride,
+          me, "evidence", "cells of an image of another size", "cells of this depth image");
+  require(verdicts.size() == pixels.size(), me, "verdicts.size", verdicts.size(),
+          std::to_string(pixels.size()) + ", the number of pixels");
+
+  const std::size_t cells = evidence.depth.size();
+  for (auto* v : {&w.sum, &w.weight, &w.gain, &w.right, &w.down}) v->resize(cells);
+  w.label.resize(cells);
+  w.region.resize(cells);
+  w.queue.reserve(cells);
+  for (std::size_t i = 0; i < cells; ++i) {
+    w.sum[i] = evidence.log_odds[i];
+    w.weight[i] = std::min(1.0F, std::abs(evidence.log_odds[i]));
+  }
+  for (std::size_t i = 0; i < pixels.size(); ++i) {
+    const Eigen::Vector2f p = pixels[i];
+    if (!(p.x() >= 0.0F && p.y() >= 0.0F && p.x() < static_cast<float>(depth.width) &&
+          p.y() < static_cast<float>(depth.height)) ||
+        verdicts[i].verdict == Verdict::kUnknown) {
+      continue;
+    }
+    const std::size_t at = static_cast<std::size_t>(p.y()) / stride * evidence.width +
+                           static_cast<std::size_t>(p.x()) / stride;
+    w.sum[at] += static_cast<float>(options.feature_weight) * verdicts[i].log_odds;
+    w.weight[at] += static_cast<float>(options.feature_weight);
+  }
+
+  detail::link_cells(evidence, static_cast<float>(options.jump), w.right, w.down);
+  detail::share_evidence(evidence, options.reach, w);
+  for (std::size_t i = 0; i < cells; ++i) {
+    const bool dynamic = w.sum[i] > static_cast<float>(options.decision) * (w.weight[i] + 0.02F);
+    w.label[i] = dynamic ? 255 : 0;
+  }
+  detail::fill_regions(evidence, options, w);
+  detail::remove_small(evidence, options.min_cells, w);
+  detail::paint(depth, evidence, w, mask);
+  if (options.dilate > 0) detail::dilate_mask(mask, options.dilate, w);
+  return detail::dynamic_share(mask);
+}
+
+}  // namespace dynslam::geometry

@@ -1,0 +1,65 @@
+// What references say of a point, and the sum of it.
+#pragma once
+
+#include <algorithm>
+
+#include "dynslam/geometry/verdict.hpp"
+
+namespace dynslam::geometry::detail {
+
+/// What one reference says of a point.
+enum class Sight { kOutside, kHole, kEdge, kHidden, kSeen, kThrough };
+
+struct SightResult {
+  Sight sight = Sight::kOutside;
+  float excess = 0.0F;  ///< kThrough: how far in front, in margins beyond the margin
+  float gap = 0.0F;     ///< metres between the point and what the reference saw
+};
+
+/// Votes of the references about one point, added up.
+struct SightTally {
+  float log_odds = 0.0F;
+  float gap = 0.0F;
+  int through = 0, seen = 0, hidden = 0, edge = 0, hole = 0;
+
+  void add(const SightResult& result, float dynamic_evidence, float static_evidence) {
+    switch (result.sight) {
+      case Sight::kThrough:
+        ++through;
+        gap += result.gap;
+        log_odds += dynamic_evidence * std::min(1.0F, 0.5F + 0.5F * result.excess);
+        break;
+      case Sight::kSeen:
+        ++seen;
+        gap += result.gap;
+        log_odds -= static_evidence;
+        break;
+      case Sight::kHidden:
+        ++hidden;
+        break;
+      case Sight::kEdge:
+        ++edge;
+        break;
+      case Sight::kHole:
+        ++hole;
+        break;
+      case Sight::kOutside:
+        break;
+    }
+  }
+  Verdict verdict(float decision) const {
+    if (through + seen == 0) return Verdict::kUnknown;
+    if (log_odds > decision) return Verdict::kDynamic;
+    return log_odds < -decision ? Verdict::kStatic : Verdict::kUnknown;
+  }
+  Reason reason(Verdict verdict) const {
+    if (verdict == Verdict::kDynamic) return Reason::kFreeSpaceViolated;
+    if (verdict == Verdict::kStatic) return Reason::kConsistent;
+    if (through + seen > 0) return Reason::kUndecided;
+    if (hidden > 0) return Reason::kOccluded;
+    if (edge > 0) return Reason::kDepthEdge;
+    return hole > 0 ? Reason::kNoDepth : Reason::kNoReference;
+  }
+};
+
+}  // namespace dynslam::geometry::detail
