@@ -19,13 +19,16 @@ inline void DepthCellsOptions::validate() const {
 
 namespace detail {
 
-inline DepthBlock summarize_block(ImageView<const float> depth, int x0, int y0, int side) {
+inline DepthBlock summarize_block(ImageView<const float> depth, MaskView mask, int x0, int y0,
+                                  int side) {
   DepthBlock block;
   const int x1 = std::min(x0 + side, depth.width), y1 = std::min(y0 + side, depth.height);
   for (int y = y0; y < y1; ++y) {
     const float* row = depth.row(y);
+    const std::uint8_t* hidden = mask.data != nullptr ? mask.row(y) : nullptr;
     for (int x = x0; x < x1; ++x) {
       if (!has_depth(row[x])) continue;
+      if (hidden != nullptr && hidden[x] != 0) ++block.movers;
       block.nearest = std::min(block.nearest, row[x]);
       block.farthest = std::max(block.farthest, row[x]);
       ++block.count;
@@ -35,8 +38,8 @@ inline DepthBlock summarize_block(ImageView<const float> depth, int x0, int y0, 
 }
 
 /// Blocks of three rows joined with their left and right neighbours.
-inline void write_cell_row(const DepthBlock* const rows[3], int width, int needed, float* near_out,
-                           float* far_out) {
+inline void write_cell_row(const DepthBlock* const rows[3], int needed, int width, std::size_t at,
+                           DepthCells& out) {
   for (int x = 0; x < width; ++x) {
     DepthBlock sum;
     for (int r = 0; r < 3; ++r) {
@@ -44,8 +47,10 @@ inline void write_cell_row(const DepthBlock* const rows[3], int width, int neede
       for (int i = std::max(0, x - 1); i <= std::min(width - 1, x + 1); ++i) sum.add(rows[r][i]);
     }
     const bool known = sum.count >= needed;
-    near_out[x] = known ? sum.nearest : 0.0F;
-    far_out[x] = known ? sum.farthest : 0.0F;
+    const std::size_t i = at + static_cast<std::size_t>(x);
+    out.near_depth[i] = known ? sum.nearest : 0.0F;
+    out.far_depth[i] = known ? sum.farthest : 0.0F;
+    out.mover[i] = sum.count - sum.movers < needed ? 1 : 0;
   }
 }
 
@@ -62,9 +67,12 @@ inline void require_same_size(ImageView<const float> depth, const PinholeCamera&
 }  // namespace detail
 
 inline void build_depth_cells(ImageView<const float> depth, const PinholeCamera& camera,
-                              const DepthCellsOptions& options, DepthCells& out) {
+                              MaskView mask, const DepthCellsOptions& options, DepthCells& out) {
   options.validate();
   detail::require_same_size(depth, camera, "build_depth_cells");
+  require(mask.data == nullptr || mask.same_size(depth), "build_depth_cells", "mask.width x height",
+          std::to_string(mask.width) + " x " + std::to_string(mask.height),
+          std::to_string(depth.width) + " x " + std::to_string(depth.height) + ", or no mask");
   const int side = options.cell;
   const int width = (depth.width + side - 1) / side, height = (depth.height + side - 1) / side;
   const int needed =
@@ -73,10 +81,11 @@ inline void build_depth_cells(ImageView<const float> depth, const PinholeCamera&
   out.blocks.resize(static_cast<std::size_t>(width) * 3);
   out.near_depth.resize(static_cast<std::size_t>(width) * height);
   out.far_depth.resize(out.near_depth.size());
+  out.mover.resize(out.near_depth.size());
   const auto block_row = [&](int y) { return out.blocks.data() + (y % 3) * width; };
   const auto fill = [&](int y) {
     for (int x = 0; x < width; ++x) {
-      block_row(y)[x] = detail::summarize_block(depth, x * side, y * side, side);
+      block_row(y)[x] = detail::summarize_block(depth, mask, x * side, y * side, side);
     }
   };
   fill(0);
@@ -85,7 +94,7 @@ inline void build_depth_cells(ImageView<const float> depth, const PinholeCamera&
     const detail::DepthBlock* rows[3] = {y > 0 ? block_row(y - 1) : nullptr, block_row(y),
                                          y + 1 < height ? block_row(y + 1) : nullptr};
     const std::size_t at = static_cast<std::size_t>(y) * width;
-    detail::write_cell_row(rows, width, needed, &out.near_depth[at], &out.far_depth[at]);
+    detail::write_cell_row(rows, needed, width, at, out);
   }
   out.camera = camera;
   out.cell = side;

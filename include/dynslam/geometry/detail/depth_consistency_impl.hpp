@@ -20,6 +20,8 @@ inline void DepthConsistencyOptions::validate() const {
           "a finite number >= 0");
   require(std::isfinite(relative_floor) && relative_floor >= 0.0, me, "relative_floor",
           relative_floor, "a finite number >= 0");
+  require(std::isfinite(min_range) && min_range >= 0.0, me, "min_range", min_range,
+          "a finite number >= 0");
   require(std::isfinite(max_spread) && max_spread > 0.0, me, "max_spread", max_spread,
           "a positive number");
   require(std::isfinite(dynamic_evidence) && dynamic_evidence > 0.0, me, "dynamic_evidence",
@@ -48,7 +50,7 @@ inline bool usable(const DepthReference& reference) {
 
 /// Margins in single precision, prepared once per call.
 struct MarginModel {
-  float a, b, c, pose2, k, floor, relative, spread;
+  float a, b, c, pose2, k, floor, relative, spread, min_range;
 
   explicit MarginModel(const DepthConsistencyOptions& o)
       : a(static_cast<float>(o.depth_noise.a)),
@@ -58,7 +60,8 @@ struct MarginModel {
         k(static_cast<float>(o.threshold)),
         floor(static_cast<float>(o.depth_floor)),
         relative(static_cast<float>(o.relative_floor)),
-        spread(static_cast<float>(o.max_spread)) {}
+        spread(static_cast<float>(o.max_spread)),
+        min_range(static_cast<float>(o.min_range)) {}
 
   float sigma2(float z) const {
     const float s = a + b * (z - c) * (z - c);
@@ -85,18 +88,22 @@ inline SightResult look(const Eigen::Vector3f& P, float z_now, const DepthCells&
   }
   const int at =
       (static_cast<int>(v) / cells.cell) * cells.width + static_cast<int>(u) / cells.cell;
+  const bool mover = cells.mover[static_cast<std::size_t>(at)] != 0;
   const float nearest = cells.near_depth[static_cast<std::size_t>(at)];
   const float farthest = cells.far_depth[static_cast<std::size_t>(at)];
   if (nearest <= 0.0F) return {Sight::kHole};
   const float before = nearest - P.z(), behind = P.z() - farthest;
+  const Sight seen = farthest - nearest > model.spread * nearest ? Sight::kEdge
+                     : mover                                     ? Sight::kMover
+                                                                 : Sight::kSeen;
   if (before <= 0.0F && behind <= 0.0F) {
-    return {farthest - nearest > model.spread * nearest ? Sight::kEdge : Sight::kSeen};
+    return {seen};
   }
   const float margin = model.margin(z_now, before > 0.0F ? nearest : farthest);
+  if (before > margin && (mover || P.z() < model.min_range)) return {Sight::kHidden};
   if (before > margin) return {Sight::kThrough, before / margin - 1.0F, before};
   if (behind > margin) return {Sight::kHidden, 0.0F, behind};
-  return {farthest - nearest > model.spread * nearest ? Sight::kEdge : Sight::kSeen, 0.0F,
-          std::max(before, behind)};
+  return {seen, 0.0F, std::max(before, behind)};
 }
 
 /// Depth of a pixel if its neighbours support it, else 0 (a flying pixel, or none).

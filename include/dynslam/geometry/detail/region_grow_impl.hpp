@@ -159,6 +159,34 @@ inline void remove_small(const DepthEvidence& e, int min_cells, RegionGrowWorksp
   }
 }
 
+/// Cells without depth (contours, shadows, holes) take the label of most of their neighbours, if
+/// two thirds of them agree.
+inline void close_holes(const DepthEvidence& e, RegionGrowWorkspace& w) {
+  constexpr int kRings = 1;
+  constexpr int kOpen = -2;
+  for (std::size_t i = 0; i < e.depth.size(); ++i) w.region[i] = e.depth[i] > 0.0F ? 0 : kOpen;
+  for (int ring = 1; ring <= kRings; ++ring) {
+    for (int y = 0; y < e.height; ++y) {
+      for (int x = 0; x < e.width; ++x) {
+        const std::size_t i = static_cast<std::size_t>(y) * e.width + x;
+        if (w.region[i] != kOpen) continue;
+        int dynamic = 0, asked = 0;
+        for (int v = std::max(0, y - 1); v <= std::min(e.height - 1, y + 1); ++v) {
+          for (int u = std::max(0, x - 1); u <= std::min(e.width - 1, x + 1); ++u) {
+            const std::size_t k = static_cast<std::size_t>(v) * e.width + u;
+            if (w.region[k] < 0 || w.region[k] >= ring) continue;
+            ++asked;
+            dynamic += w.label[k] >> 7;
+          }
+        }
+        if (asked == 0) continue;
+        w.label[i] = 3 * dynamic > 2 * asked ? 255 : 0;
+        w.region[i] = ring;
+      }
+    }
+  }
+}
+
 /// Label of the cell around (cx, cy) that is nearest in depth to z.
 inline std::uint8_t nearest_label(const DepthEvidence& e, const RegionGrowWorkspace& w, int cx,
                                   int cy, float z) {
@@ -287,6 +315,7 @@ inline double grow_regions(ImageView<const float> depth, const DepthEvidence& ev
   }
   detail::fill_regions(evidence, options, w);
   detail::remove_small(evidence, options.min_cells, w);
+  detail::close_holes(evidence, w);
   detail::paint(depth, evidence, w, mask);
   if (options.dilate > 0) detail::dilate_mask(mask, options.dilate, w);
   return detail::dynamic_share(mask);

@@ -8,13 +8,16 @@
 namespace dynslam::geometry::detail {
 
 /// What one reference says of a point.
-enum class Sight { kOutside, kHole, kEdge, kHidden, kSeen, kThrough };
+enum class Sight { kOutside, kHole, kEdge, kHidden, kSeen, kMover, kThrough };
 
 struct SightResult {
   Sight sight = Sight::kOutside;
   float excess = 0.0F;  ///< kThrough: how far in front, in margins beyond the margin
   float gap = 0.0F;     ///< metres between the point and what the reference saw
 };
+
+/// Share of a static vote that agreement with a former mover is worth.
+inline float kMoverShare = 0.5F;
 
 /// Votes of the references about one point, added up.
 struct SightTally {
@@ -33,6 +36,10 @@ struct SightTally {
         ++seen;
         gap += result.gap;
         log_odds -= static_evidence;
+        break;
+      case Sight::kMover:
+        ++seen;
+        log_odds -= kMoverShare * static_evidence;
         break;
       case Sight::kHidden:
         ++hidden;
