@@ -43,7 +43,7 @@ struct DepthCells {
   int height = 0;        ///< cells
   std::vector<float> near_depth;
   std::vector<float> far_depth;
-  std::vector<std::uint8_t> mover;  ///< 1: most of what was seen there was masked as a mover
+  std::vector<std::uint8_t> mover;         ///< 1: most of what was seen there was masked as a mover
   std::vector<detail::DepthBlock> blocks;  ///< scratch of `build_depth_cells`
 
   bool empty() const { return near_depth.empty(); }
@@ -61,13 +61,17 @@ struct DepthCellsOptions {
 /// Builds the cells of a depth image (metres; <= 0, NaN and infinity = none).
 ///
 /// `mask`: what was found to move in this image (any value but 0), or empty. Cells that show a
-/// mover accuse nothing later: what is nearer than a mover may always have been there (a surface too
-/// near for the sensor, a hole), and their agreement counts less.
+/// mover accuse nothing later: what is nearer than a mover may always have been there (a surface
+/// too near for the sensor, a hole), and their agreement counts less.
 ///
 /// Throws InvalidArgument if image or mask has not the camera's size, or options or camera are
 /// invalid; `out` is then untouched. O(pixels), about 0.5 ms for VGA; allocates only while `out`
 /// grows.
 void build_depth_cells(ImageView<const float> depth, const PinholeCamera& camera, MaskView mask,
+                       const DepthCellsOptions& options, DepthCells& out);
+
+/// The same without a mask.
+void build_depth_cells(ImageView<const float> depth, const PinholeCamera& camera,
                        const DepthCellsOptions& options, DepthCells& out);
 
 }  // namespace dynslam::geometry

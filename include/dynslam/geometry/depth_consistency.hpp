@@ -31,8 +31,8 @@ struct DepthConsistencyOptions {
   double threshold = 4.0;        ///< standard deviations, > 0; engineering
   double depth_floor = 0.03;     ///< metres, >= 0, added to the threshold; engineering
   double relative_floor = 0.01;  ///< share of depth, >= 0, added likewise; engineering
-  double min_range = 0.8;         ///< metres, >= 0: a reference measures nothing nearer and cannot
-                                  ///< be said to have looked through it; Kinect: 0.8
+  double min_range = 0.8;        ///< metres, >= 0: a reference measures nothing nearer and cannot
+                                 ///< be said to have looked through it; Kinect: 0.8
   double max_spread = 0.15;      ///< share of depth, > 0: a reference's cell whose depths differ by
                                  ///< more is an edge and gives no static vote; engineering
   double dynamic_evidence = 2.0;  ///< log-odds that one violated reference adds, > 0; engineering
@@ -47,7 +47,7 @@ struct DepthConsistencyOptions {
 /// What the references say about a grid of pixels (stride * x + stride / 2, same for y).
 struct DepthEvidence {
   int stride = 0;
-  double focal = 0.0;  ///< pixels, the camera's fx
+  double focal = 0.0;           ///< pixels, the camera's fx
   int width = 0;                ///< cells
   int height = 0;               ///< cells
   std::vector<float> depth;     ///< metres, 0 = none or unreliable (flying pixel)

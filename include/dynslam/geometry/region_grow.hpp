@@ -23,7 +23,7 @@ struct RegionGrowOptions {
   int min_cells = 12;       ///< smaller dynamic patches are noise, >= 1
   double decision = 0.4;    ///< shared log-odds that makes a cell dynamic, > 0
   double feature_weight = 4.0;  ///< cells' worth of a feature's verdict, >= 0; engineering
-  int dilate = 0;           ///< pixels that the mask is grown at the end, >= 0
+  int dilate = 0;               ///< pixels that the mask is grown at the end, >= 0
 
   void validate() const;
 };

@@ -93,11 +93,26 @@ struct RobustPoseResult {
 /// `judge_depth` at a coarse stride). Empty = no such check.
 using DepthCheck = std::function<double(const RigidTransform& T_cam_world)>;
 
+namespace detail {
+
+/// One usable point of a problem.
+struct PosePoint {
+  Eigen::Vector3d world, camera;  ///< `camera`: unprojected with its depth, if it has one
+  Eigen::Vector2d pixel;
+  double depth = 0.0;  ///< metres, 0 = none
+  double weight = 0.5, age = 0.0;
+  double pixel_limit = 0.0, depth_limit = 0.0;  ///< errors of an inlier
+  int index = -1;                               ///< in the problem
+};
+
+}  // namespace detail
+
 /// Scratch of `estimate_pose`. No allocation after warm-up.
 struct RobustPoseWorkspace {
-  std::vector<int> order, active, inliers, best_inliers;
-  std::vector<Eigen::Vector3d> camera_points;
-  std::vector<double> errors, values;
+  std::vector<detail::PosePoint> points;
+  std::vector<std::uint8_t> taken;
+  std::vector<int> order, active, inliers;
+  std::vector<double> values;
 };
 
 /// Absolute camera pose from map points seen in an RGB-D (or stereo) image, with movers.
@@ -108,12 +123,12 @@ struct RobustPoseWorkspace {
 /// and the search repeated for further motions. Without a prior and check the background is the
 /// motion of greatest extent among equals; with them it may have a small minority of the points.
 ///
-/// `prior` may be null. Points without depth take part as 2D inliers. Fewer than three points with
-/// depth: kTooFewPoints. Throws InvalidArgument for unequal sizes, invalid options or camera.
-/// Deterministic for a seed. O(iterations x N) worst case; about 1 ms for 500 points. Thread-safe
-/// with one workspace per thread.
-/// Sources: Horn, JOSA A 1987 (absolute orientation); Chum and Matas, CVPR 2005 (PROSAC);
-/// sequential multi-model RANSAC. The choice among motions is ours.
+/// `prior` may be null; if given it is also tried as a sample. Points without depth take part as 2D
+/// inliers. Fewer than three points with depth and no prior: kTooFewPoints. Throws InvalidArgument
+/// for unequal sizes, invalid options or camera. Deterministic for a seed. O(iterations x N) worst
+/// case; about 1 ms for 500 points. Thread-safe with one workspace per thread. Sources: Horn, JOSA
+/// A 1987 (absolute orientation); Chum and Matas, CVPR 2005 (PROSAC); sequential multi-model
+/// RANSAC. The choice among motions is ours.
 void estimate_pose(const PinholeCamera& camera, const PoseProblem& problem, const PosePrior* prior,
                    const DepthCheck& depth_check, const RobustPoseOptions& options,
                    RobustPoseWorkspace& workspace, RobustPoseResult& result);

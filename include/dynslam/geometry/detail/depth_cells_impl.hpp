@@ -102,4 +102,9 @@ inline void build_depth_cells(ImageView<const float> depth, const PinholeCamera&
   out.height = height;
 }
 
+inline void build_depth_cells(ImageView<const float> depth, const PinholeCamera& camera,
+                              const DepthCellsOptions& options, DepthCells& out) {
+  build_depth_cells(depth, camera, MaskView(), options, out);
+}
+
 }  // namespace dynslam::geometry

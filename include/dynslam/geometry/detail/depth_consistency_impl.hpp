@@ -181,8 +181,7 @@ inline FeatureVerdict judge_one(const Eigen::Vector3d& X, Span<const DepthRefere
     const Eigen::Vector3f P =
         (reference.T_cur_ref.R.transpose() * (X - reference.T_cur_ref.t)).cast<float>();
     tally.add(look(P, static_cast<float>(X.z()), *reference.cells, model),
-              static_cast<float>(options.dynamic_evidence),
-              static_vote(reference, options));
+              static_cast<float>(options.dynamic_evidence), static_vote(reference, options));
   }
   result.verdict = tally.verdict(static_cast<float>(options.decision));
   result.reason = tally.reason(result.verdict);

@@ -18,8 +18,7 @@ inline void RegionGrowOptions::validate() const {
           "a number in (0, 1]");
   require(max_fill > 0.0 && max_fill <= 1.0, me, "max_fill", max_fill, "a number in (0, 1]");
   require(min_cells >= 1, me, "min_cells", min_cells, "at least 1");
-  require(std::isfinite(decision) && decision > 0.0, me, "decision", decision,
-          "a positive number");
+  require(std::isfinite(decision) && decision > 0.0, me, "decision", decision, "a positive number");
   require(std::isfinite(feature_weight) && feature_weight >= 0.0, me, "feature_weight",
           feature_weight, "a finite number >= 0");
   require(dilate >= 0, me, "dilate", dilate, "a number of pixels >= 0");

@@ -17,7 +17,7 @@ struct SightResult {
 };
 
 /// Share of a static vote that agreement with a former mover is worth.
-inline float kMoverShare = 0.5F;
+inline constexpr float kMoverShare = 0.5F;
 
 /// Votes of the references about one point, added up.
 struct SightTally {

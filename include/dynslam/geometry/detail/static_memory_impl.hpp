@@ -117,7 +117,8 @@ inline void CellMemory::carry(const PinholeCamera& camera, const RigidTransform&
       if (!PinholeCamera::in_domain(X)) continue;
       const Eigen::Vector2d q = camera.project(X);
       if (!camera.contains(q)) continue;
-      const int cx = static_cast<int>(q.x()) / now.stride, cy = static_cast<int>(q.y()) / now.stride;
+      const int cx = static_cast<int>(q.x()) / now.stride,
+                cy = static_cast<int>(q.y()) / now.stride;
       const std::size_t k = static_cast<std::size_t>(cy) * now.width + cx;
       const float z = static_cast<float>(X.z());
       // A mover may have changed its depth; what is static may not.
@@ -143,9 +144,9 @@ inline void CellMemory::update(const PinholeCamera& camera, const RigidTransform
     carry(camera, T_world_cam.inverse() * T_world_cam_, time - time_, evidence);
     const float keep = static_cast<float>(options_.retention);
     for (std::size_t i = 0; i < carried_.size(); ++i) {
-      evidence.log_odds[i] =
-          std::clamp(evidence.log_odds[i] + keep * carried_[i],
-                     static_cast<float>(-options_.max_static), static_cast<float>(options_.max_dynamic));
+      evidence.log_odds[i] = std::clamp(evidence.log_odds[i] + keep * carried_[i],
+                                        static_cast<float>(-options_.max_static),
+                                        static_cast<float>(options_.max_dynamic));
       evidence.verdict[i] = detail::decide(evidence.log_odds[i], decision);
     }
     detail::count_verdicts(evidence);
