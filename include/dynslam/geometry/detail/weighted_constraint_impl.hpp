@@ -129,6 +129,7 @@ inline Reason arbitrate_depth(const Sighting& s, const ReferenceView& reference,
     case Sight::kHidden:
       return Reason::kOccluded;
     case Sight::kSeen:
+    case Sight::kMover:
       return Reason::kOccluded;
     case Sight::kEdge:
       return Reason::kDepthEdge;

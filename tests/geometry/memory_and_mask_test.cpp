@@ -1,0 +1,311 @@
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include "dynslam/geometry/region_grow.hpp"
+#include "dynslam/geometry/static_memory.hpp"
+
+#include "geometry/synthetic.hpp"
+
+namespace dynslam::geometry {
+namespace {
+
+TEST(StaticMemory, RemembersAMoverAndForgivesAParkedCar) {
+  StaticMemory memory;
+  for (int i = 0; i < 4; ++i) memory.update(7, 2.0, 0.1 * i);
+  EXPECT_EQ(memory.verdict(7, 0.4), Verdict::kDynamic);
+  memory.update(7, 0.0, 0.5);  // no test could be made
+  EXPECT_EQ(memory.verdict(7, 0.5), Verdict::kDynamic);
+  double time = 0.5;
+  int frames = 0;
+  while (memory.verdict(7, time) != Verdict::kStatic && frames < 100) {
+    time += 0.1;
+    memory.update(7, -0.7, time);
+    ++frames;
+  }
+  EXPECT_GE(frames, 3);
+  EXPECT_LE(frames, 15);
+}
+
+TEST(StaticMemory, HalvesInItsHalfLifeAndNeverGrowsBackwardsInTime) {
+  StaticMemoryOptions options;
+  options.half_life = 3.0;
+  StaticMemory memory(options);
+  memory.update(1, 2.0, 10.0);
+  EXPECT_NEAR(memory.log_odds(1, 13.0), 1.0, 1e-6);
+  EXPECT_NEAR(memory.log_odds(1, 5.0), 2.0, 1e-6);
+  EXPECT_NEAR(memory.update(1, 0.0, 5.0), 2.0, 1e-6);
+  EXPECT_EQ(memory.log_odds(2, 10.0), 0.0);
+  EXPECT_EQ(memory.verdict(2, 10.0), Verdict::kUnknown);
+}
+
+TEST(StaticMemory, ClampsAndTakesNaNForNoEvidence) {
+  StaticMemory memory;
+  for (int i = 0; i < 100; ++i) memory.update(1, 5.0, 0.0);
+  EXPECT_NEAR(memory.log_odds(1, 0.0), StaticMemoryOptions().max_dynamic, 1e-6);
+  for (int i = 0; i < 100; ++i) memory.update(1, -5.0, 0.0);
+  EXPECT_NEAR(memory.log_odds(1, 0.0), -StaticMemoryOptions().max_static, 1e-6);
+  EXPECT_NEAR(memory.update(1, std::nan(""), 0.0), -StaticMemoryOptions().max_static, 1e-6);
+}
+
+TEST(StaticMemory, UpdatesVerdictsOfMapPointsOnly) {
+  StaticMemory memory;
+  memory.update(5, 4.0, 0.0);
+  std::vector<FeatureVerdict> verdicts(3);
+  verdicts[2].verdict = Verdict::kDynamic;
+  const std::vector<std::uint64_t> ids{5, StaticMemory::kNoId, 6};
+  memory.update(ids, 0.0, verdicts);
+  EXPECT_EQ(verdicts[0].verdict, Verdict::kDynamic);
+  EXPECT_EQ(verdicts[0].reason, Reason::kRemembered);
+  EXPECT_EQ(verdicts[1].reason, Reason::kNoReference);
+  EXPECT_EQ(verdicts[2].verdict, Verdict::kUnknown);  // its log-odds was 0
+  EXPECT_EQ(memory.size(), 2U);
+  EXPECT_THROW(memory.update(Span<const std::uint64_t>(ids).subspan(0, 2), 0.0, verdicts),
+               InvalidArgument);
+}
+
+TEST(StaticMemory, ForgetsOnRequest) {
+  StaticMemory memory;
+  memory.update(1, 1.0, 0.0);
+  memory.update(2, 1.0, 5.0);
+  memory.update(3, 1.0, 6.0);
+  memory.erase(3);
+  memory.erase_older_than(4.0);
+  EXPECT_EQ(memory.size(), 1U);
+  EXPECT_GT(memory.log_odds(2, 5.0), 0.0);
+  memory.clear();
+  EXPECT_EQ(memory.size(), 0U);
+}
+
+TEST(StaticMemory, RefusesEachInvalidOption) {
+  using O = StaticMemoryOptions;
+  for (double O::*member : {&O::half_life, &O::max_dynamic, &O::max_static}) {
+    O options;
+    options.*member = 0.0;
+    EXPECT_THROW(StaticMemory{options}, InvalidArgument);
+  }
+  O options;
+  options.decision = -1.0;
+  EXPECT_THROW(StaticMemory{options}, InvalidArgument);
+  using C = CellMemoryOptions;
+  for (double C::*member : {&C::max_dynamic, &C::max_static}) {
+    C cells;
+    cells.*member = 0.0;
+    EXPECT_THROW(CellMemory{cells}, InvalidArgument);
+  }
+  C cells;
+  cells.retention = 1.0;
+  EXPECT_THROW(CellMemory{cells}, InvalidArgument);
+  cells = C();
+  cells.max_speed = -1.0;
+  EXPECT_THROW(CellMemory{cells}, InvalidArgument);
+}
+
+/// Cells of a depth image, all without an opinion.
+DepthEvidence cells_of(const std::vector<float>& depth) {
+  DepthEvidence evidence;
+  judge_depth({depth.data(), 640, 480}, synthetic::kCamera, {}, {}, evidence);
+  return evidence;
+}
+
+void set_cells(DepthEvidence& evidence, const std::vector<std::uint8_t>& mask, float in,
+               float out) {
+  for (int y = 0; y < evidence.height; ++y) {
+    for (int x = 0; x < evidence.width; ++x) {
+      const bool inside = mask[static_cast<std::size_t>((4 * y + 2) * 640 + 4 * x + 2)] != 0;
+      evidence.log_odds[static_cast<std::size_t>(y * evidence.width + x)] = inside ? in : out;
+    }
+  }
+}
+
+double share(const std::vector<std::uint8_t>& mask, const std::vector<std::uint8_t>& truth,
+             std::uint8_t label) {
+  double hit = 0, all = 0;
+  for (std::size_t i = 0; i < mask.size(); ++i) {
+    if (truth[i] != label) continue;
+    ++all;
+    hit += mask[i] != 0 ? 1 : 0;
+  }
+  return hit / all;
+}
+
+const synthetic::Box kPerson{{0.2, 0.1, 1.6}, {0.3, 0.7, 0.1}};
+
+TEST(CellMemory, CarriesEvidenceToWhereTheCameraSeesItNow) {
+  std::vector<std::uint8_t> then_mask, now_mask;
+  const RigidTransform T_now_world(so3_exp({0, 0.1, 0}), {0.1, 0, 0});
+  const auto then = synthetic::render({}, kPerson, then_mask);
+  const auto now = synthetic::render(T_now_world, kPerson, now_mask);
+  DepthEvidence evidence = cells_of(then);
+  set_cells(evidence, then_mask, 2.0F, -1.0F);
+  CellMemory memory;
+  memory.update(synthetic::kCamera, {}, 0.0, 0.6, evidence);
+  evidence = cells_of(now);
+  memory.update(synthetic::kCamera, T_now_world.inverse(), 0.1, 0.6, evidence);
+  int right = 0, wrong = 0;
+  for (int y = 0; y < evidence.height; ++y) {
+    for (int x = 0; x < evidence.width; ++x) {
+      const float l = evidence.log_odds[static_cast<std::size_t>(y * evidence.width + x)];
+      const bool inside = now_mask[static_cast<std::size_t>((4 * y + 2) * 640 + 4 * x + 2)] != 0;
+      (l > 0.0F) == inside ? right += l != 0.0F : wrong += l != 0.0F;
+    }
+  }
+  EXPECT_GT(right, 9000);
+  EXPECT_LT(wrong, right / 100);
+  EXPECT_GT(evidence.dynamic_cells, 1000);
+  memory.clear();
+  evidence = cells_of(now);
+  memory.update(synthetic::kCamera, T_now_world.inverse(), 0.2, 0.6, evidence);
+  EXPECT_EQ(evidence.dynamic_cells, 0);
+}
+
+TEST(CellMemory, RefusesOtherCamerasAndBrokenPoses) {
+  DepthEvidence evidence = cells_of(std::vector<float>(640 * 480, 2.0F));
+  CellMemory memory;
+  RigidTransform broken;
+  broken.t.x() = std::nan("");
+  EXPECT_THROW(memory.update(synthetic::kCamera, broken, 0, 0.6, evidence), InvalidArgument);
+  PinholeCamera other = synthetic::kCamera;
+  other.width = 320;
+  EXPECT_THROW(memory.update(other, {}, 0, 0.6, evidence), InvalidArgument);
+}
+
+class RegionGrow : public ::testing::Test {
+ protected:
+  RegionGrow() : depth_(synthetic::render({}, kPerson, truth_)), evidence_(cells_of(depth_)) {}
+
+  double grow(const RegionGrowOptions& options = {}, Pixels pixels = {},
+              Span<const FeatureVerdict> verdicts = {}) {
+    mask_.assign(depth_.size(), 77);
+    return grow_regions({depth_.data(), 640, 480}, evidence_, pixels, verdicts, options, workspace_,
+                        {mask_.data(), 640, 480});
+  }
+
+  std::vector<std::uint8_t> truth_, mask_;
+  std::vector<float> depth_;
+  DepthEvidence evidence_;
+  RegionGrowWorkspace workspace_;
+};
+
+TEST_F(RegionGrow, FillsTheMoverToItsEdgesFromHalfOfItsCells) {
+  // Left half seen to move, right half looks static, the room is static.
+  set_cells(evidence_, truth_, 2.0F, -1.0F);
+  for (int y = 0; y < evidence_.height; ++y) {
+    for (int x = 92; x < evidence_.width; ++x) {
+      float& l = evidence_.log_odds[static_cast<std::size_t>(y * evidence_.width + x)];
+      if (l > 0.0F) l = 0.0F;
+    }
+  }
+  const double covered = grow();
+  EXPECT_GT(share(mask_, truth_, 255), 0.97);
+  EXPECT_LT(share(mask_, truth_, 0), 0.01);
+  EXPECT_NEAR(covered, std::count(mask_.begin(), mask_.end(), 255) / (640.0 * 480.0), 1e-12);
+  EXPECT_EQ(std::count(mask_.begin(), mask_.end(), 0) + std::count(mask_.begin(), mask_.end(), 255),
+            640 * 480);
+}
+
+TEST_F(RegionGrow, DoesNotSwallowFloorAndWalls) {
+  set_cells(evidence_, truth_, 2.0F, 0.0F);  // nothing is known of the room
+  grow();
+  EXPECT_GT(share(mask_, truth_, 255), 0.97);
+  EXPECT_LT(share(mask_, truth_, 0), 0.02);
+}
+
+TEST_F(RegionGrow, DropsSpeckles) {
+  set_cells(evidence_, truth_, -1.0F, -1.0F);
+  for (const int i : {3000, 3001, 9000}) {
+    evidence_.log_odds[static_cast<std::size_t>(i)] = 2.0F;
+  }
+  EXPECT_EQ(grow(), 0.0);
+}
+
+TEST_F(RegionGrow, GrowsFromFeaturesToo) {
+  std::vector<Eigen::Vector2f> pixels;
+  std::vector<FeatureVerdict> verdicts;
+  for (int y = 180; y < 480; y += 30) {
+    for (int x = 310; x < 460; x += 30) {
+      pixels.emplace_back(static_cast<float>(x), static_cast<float>(y));
+      FeatureVerdict v;
+      v.verdict = Verdict::kDynamic;
+      v.log_odds = 2.0F;
+      verdicts.push_back(v);
+    }
+  }
+  pixels.emplace_back(std::nanf(""), 3.0F);
+  verdicts.push_back(verdicts.front());
+  EXPECT_EQ(grow(), 0.0);
+  grow({}, pixels, verdicts);
+  EXPECT_GT(share(mask_, truth_, 255), 0.8);
+  EXPECT_LT(share(mask_, truth_, 0), 0.02);
+}
+
+TEST_F(RegionGrow, DilatesBySquares) {
+  set_cells(evidence_, truth_, 2.0F, -1.0F);
+  grow();
+  const std::vector<std::uint8_t> thin = mask_;
+  RegionGrowOptions options;
+  options.dilate = 5;
+  grow(options);
+  for (int y = 0; y < 480; y += 3) {
+    for (int x = 0; x < 640; ++x) {
+      bool set = false;
+      for (int v = std::max(0, y - 5); v <= std::min(479, y + 5) && !set; ++v) {
+        for (int u = std::max(0, x - 5); u <= std::min(639, x + 5) && !set; ++u) {
+          set = thin[static_cast<std::size_t>(v * 640 + u)] != 0;
+        }
+      }
+      ASSERT_EQ(mask_[static_cast<std::size_t>(y * 640 + x)] != 0, set) << x << " " << y;
+    }
+  }
+}
+
+TEST_F(RegionGrow, MasksNothingWithoutDepthOrEvidence) {
+  EXPECT_EQ(grow(), 0.0);
+  std::fill(depth_.begin(), depth_.end(), 0.0F);
+  evidence_ = cells_of(depth_);
+  EXPECT_EQ(grow(), 0.0);
+}
+
+TEST_F(RegionGrow, RefusesSizesThatDoNotFit) {
+  const auto call = [&](int width, int height) {
+    std::vector<std::uint8_t> mask(640 * 480, 9);
+    grow_regions({depth_.data(), 640, 480}, evidence_, {}, {}, {}, workspace_,
+                 {mask.data(), width, height});
+  };
+  EXPECT_THROW(call(320, 480), InvalidArgument);
+  EXPECT_THROW(call(640, 240), InvalidArgument);
+  const std::vector<Eigen::Vector2f> one(1);
+  EXPECT_THROW(grow({}, one, {}), InvalidArgument);
+  EXPECT_EQ(mask_[0], 77);
+  evidence_.width = 80;
+  EXPECT_THROW(grow(), InvalidArgument);
+}
+
+TEST_F(RegionGrow, RefusesEachInvalidOption) {
+  using O = RegionGrowOptions;
+  for (double O::*member : {&O::jump, &O::reach, &O::fill_share, &O::max_fill, &O::decision}) {
+    O options;
+    options.*member = 0.0;
+    EXPECT_THROW(grow(options), InvalidArgument);
+  }
+  for (double O::*member : {&O::fill_share, &O::max_fill}) {
+    O options;
+    options.*member = 1.01;
+    EXPECT_THROW(grow(options), InvalidArgument);
+  }
+  O options;
+  options.min_cells = 0;
+  EXPECT_THROW(grow(options), InvalidArgument);
+  options = O();
+  options.dilate = -1;
+  EXPECT_THROW(grow(options), InvalidArgument);
+  options = O();
+  options.feature_weight = -1.0;
+  EXPECT_THROW(grow(options), InvalidArgument);
+}
+
+}  // namespace
+}  // namespace dynslam::geometry
