@@ -7,6 +7,7 @@
 #include <string>
 
 #include "dynslam/core/errors.hpp"
+#include "dynslam/geometry/depth_cells.hpp"
 #include "dynslam/geometry/verdict.hpp"
 
 namespace dynslam::geometry {

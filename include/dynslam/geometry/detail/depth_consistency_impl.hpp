@@ -6,6 +6,7 @@
 #include <cstddef>
 
 #include "dynslam/core/errors.hpp"
+#include "dynslam/geometry/depth_consistency.hpp"
 
 namespace dynslam::geometry {
 

@@ -6,6 +6,7 @@
 #include <cstddef>
 
 #include "dynslam/core/errors.hpp"
+#include "dynslam/geometry/reference_choice.hpp"
 
 namespace dynslam::geometry {
 

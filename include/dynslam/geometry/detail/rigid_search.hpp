@@ -1,4 +1,5 @@
-// Search for one rigid motion among points: sampling, minimal solution, scoring and refinement.
+// Search for one rigid motion among points: sampling, minimal solution, scoring and refinement;
+// a part of robust_pose.hpp.
 #pragma once
 
 #include <algorithm>
@@ -15,6 +16,7 @@
 #include "dynslam/core/camera.hpp"
 #include "dynslam/core/rigid_transform.hpp"
 #include "dynslam/core/so3.hpp"
+#include "dynslam/geometry/robust_pose.hpp"
 
 namespace dynslam::geometry::detail {
 

@@ -6,6 +6,7 @@
 #include <string>
 
 #include "dynslam/core/errors.hpp"
+#include "dynslam/geometry/static_memory.hpp"
 
 namespace dynslam::geometry {
 
