@@ -214,6 +214,32 @@ TEST_F(RegionGrow, DoesNotSwallowFloorAndWalls) {
   EXPECT_LT(share(mask_, truth_, 0), 0.02);
 }
 
+TEST_F(RegionGrow, ABandWithoutDepthGoesToWhatItLooksLike) {
+  // Depth is missing 3 pixels to both sides of every contour of the mover.
+  std::vector<std::uint8_t> guide(truth_.size());
+  std::vector<float> holes = depth_;
+  for (int y = 3; y < 477; ++y) {
+    for (int x = 3; x < 637; ++x) {
+      const auto at = static_cast<std::size_t>(y * 640 + x);
+      if (truth_[at - 3] != truth_[at + 3]) holes[at] = 0.0F;
+    }
+  }
+  for (std::size_t i = 0; i < guide.size(); ++i) guide[i] = truth_[i] != 0 ? 160 : 60;
+  depth_ = holes;
+  evidence_ = cells_of(depth_);
+  set_cells(evidence_, truth_, 2.0F, -1.0F);
+  grow();
+  const double plain = share(mask_, truth_, 255);
+  grow_regions({depth_.data(), 640, 480}, evidence_, {}, {}, {}, workspace_,
+               {mask_.data(), 640, 480}, {guide.data(), 640, 480});
+  EXPECT_GT(share(mask_, truth_, 255), plain + 0.005);
+  EXPECT_GT(share(mask_, truth_, 255), 0.985);
+  EXPECT_LT(share(mask_, truth_, 0), 0.005);
+  EXPECT_THROW(grow_regions({depth_.data(), 640, 480}, evidence_, {}, {}, {}, workspace_,
+                            {mask_.data(), 640, 480}, {guide.data(), 640, 240}),
+               InvalidArgument);
+}
+
 TEST_F(RegionGrow, DropsSpeckles) {
   set_cells(evidence_, truth_, -1.0F, -1.0F);
   for (const int i : {3000, 3001, 9000}) {

@@ -42,17 +42,19 @@ struct RegionGrowWorkspace {
 /// their surroundings, while floor and walls outvote what leaks onto them. Then regions between
 /// depth edges that are mostly dynamic are filled, and small patches removed. The mask is brought
 /// to full resolution along depth edges: a pixel takes the label of the neighbouring cell nearest
-/// in depth; a pixel without depth that of its cell.
+/// in depth; a pixel without depth that of its cell or, given the grey image `guide`, that of the
+/// pixels with depth around it that look like it: depth is missing along contours above all.
 ///
-/// `depth`: full resolution, metres; `mask`: same size. `pixels`/`verdicts`: features whose
-/// log-odds are added to their cells; may be empty. Returns the share of dynamic pixels.
-/// Throws InvalidArgument if sizes do not fit or options are invalid; `mask` is then untouched.
-/// Under 2 ms for VGA with stride 4; no allocation after warm-up.
-/// Source: the filter is the recursive domain transform of Gastal and Oliveira (SIGGRAPH 2011)
-/// with depth as the guide; its use here is ours.
+/// `depth`: full resolution, metres; `mask`, and `guide` unless empty: same size.
+/// `pixels`/`verdicts`: features whose log-odds are added to their cells; may be empty. Returns the
+/// share of dynamic pixels. Throws InvalidArgument if sizes do not fit or options are invalid;
+/// `mask` is then untouched. Under 2 ms for VGA with stride 4; no allocation after warm-up. Source:
+/// the filter is the recursive domain transform of Gastal and Oliveira (SIGGRAPH 2011) with depth
+/// as the guide; its use here is ours.
 double grow_regions(ImageView<const float> depth, const DepthEvidence& evidence, Pixels pixels,
                     Span<const FeatureVerdict> verdicts, const RegionGrowOptions& options,
-                    RegionGrowWorkspace& workspace, ImageView<std::uint8_t> mask);
+                    RegionGrowWorkspace& workspace, ImageView<std::uint8_t> mask,
+                    ImageView<const std::uint8_t> guide = {});
 
 }  // namespace dynslam::geometry
 

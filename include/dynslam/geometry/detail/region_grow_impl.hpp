@@ -122,6 +122,50 @@ inline bool uniform(const DepthEvidence& e, const RegionGrowWorkspace& w, int cx
   return true;
 }
 
+/// Label of a pixel without depth: the pixels with depth around it vote by likeness and nearness.
+inline std::uint8_t alike_label(ImageView<const float> depth, ImageView<const std::uint8_t> guide,
+                                ImageView<const std::uint8_t> mask, int x, int y,
+                                std::uint8_t fallback) {
+  constexpr int kReach = 10;          // pixels
+  constexpr float kLikeness = 12.0F;  // grey levels
+  constexpr int kSteps[8][2] = {{1, 0}, {-1, 0},  {0, 1},  {0, -1},
+                                {1, 1}, {-1, -1}, {1, -1}, {-1, 1}};
+  float dynamic = 0.0F, total = 0.0F;
+  for (const auto& step : kSteps) {
+    for (int i = 1; i <= kReach; ++i) {
+      const int u = x + i * step[0], v = y + i * step[1];
+      if (!depth.contains(u, v)) break;
+      if (!has_depth(depth(u, v))) continue;
+      const float unlike = static_cast<float>(std::abs(guide(u, v) - guide(x, y))) / kLikeness;
+      const float vote = 1.0F / ((1.0F + unlike * unlike) * static_cast<float>(1 + i));
+      total += vote;
+      dynamic += mask(u, v) != 0 ? vote : 0.0F;
+      break;
+    }
+  }
+  if (total == 0.0F) return fallback;
+  return 2.0F * dynamic > total ? 255 : 0;
+}
+
+/// Gives the pixels without depth along the mask's border their labels.
+inline void settle_holes(ImageView<const float> depth, const DepthEvidence& e,
+                         const RegionGrowWorkspace& w, ImageView<const std::uint8_t> guide,
+                         ImageView<std::uint8_t> mask) {
+  for (int cy = 0; cy < e.height; ++cy) {
+    for (int cx = 0; cx < e.width; ++cx) {
+      if (uniform(e, w, cx, cy)) continue;
+      for (int y = cy * e.stride; y < std::min((cy + 1) * e.stride, mask.height); ++y) {
+        for (int x = cx * e.stride; x < std::min((cx + 1) * e.stride, mask.width); ++x) {
+          if (has_depth(depth(x, y))) continue;
+          mask(x, y) =
+              alike_label(depth, guide, {mask.data, mask.width, mask.height, mask.stride_bytes}, x,
+                          y, mask(x, y));
+        }
+      }
+    }
+  }
+}
+
 inline void paint(ImageView<const float> depth, const DepthEvidence& e,
                   const RegionGrowWorkspace& w, ImageView<std::uint8_t> mask) {
   for (int cy = 0; cy < e.height; ++cy) {
@@ -177,11 +221,14 @@ inline double dynamic_share(ImageView<std::uint8_t> mask) {
 inline double grow_regions(ImageView<const float> depth, const DepthEvidence& evidence,
                            Pixels pixels, Span<const FeatureVerdict> verdicts,
                            const RegionGrowOptions& options, RegionGrowWorkspace& w,
-                           ImageView<std::uint8_t> mask) {
+                           ImageView<std::uint8_t> mask, ImageView<const std::uint8_t> guide) {
   const char* me = "grow_regions";
   options.validate();
   require(mask.data != nullptr && mask.same_size(depth), me, "mask.width x height",
           std::to_string(mask.width) + " x " + std::to_string(mask.height),
+          std::to_string(depth.width) + " x " + std::to_string(depth.height) + ", the depth's");
+  require(guide.empty() || guide.same_size(depth), me, "guide.width x height",
+          std::to_string(guide.width) + " x " + std::to_string(guide.height),
           std::to_string(depth.width) + " x " + std::to_string(depth.height) + ", the depth's");
   const int stride = evidence.stride;
   require(stride >= 1 && evidence.width == (depth.width + stride - 1) / stride &&
@@ -222,6 +269,7 @@ inline double grow_regions(ImageView<const float> depth, const DepthEvidence& ev
   detail::remove_small(evidence, options.min_cells, w);
   detail::close_holes(evidence, w);
   detail::paint(depth, evidence, w, mask);
+  if (!guide.empty()) detail::settle_holes(depth, evidence, w, guide, mask);
   if (options.dilate > 0) detail::dilate_mask(mask, options.dilate, w);
   return detail::dynamic_share(mask);
 }
