@@ -9,13 +9,16 @@
 namespace dynslam::slam {
 namespace {
 
-constexpr int kCell = 4;              // pixels
-constexpr float kJump = 0.04F;        // share of depth by which neighbours of a surface may differ
-constexpr double kMinOverlap = 0.35;  // of the points of `to`
-constexpr double kMaxRms = 0.02;      // metres
-constexpr double kMinCosine = 0.7;    // between normals of partners
+constexpr int kCell = kSurfaceCell;
+constexpr float kJump = 0.04F;      // share of depth by which neighbours of a surface may differ
+constexpr double kMaxRms = 0.02;    // metres
+constexpr double kMinCosine = 0.7;  // between normals of partners
 constexpr double kMinCurvature = 4e-3;  // smallest over largest eigenvalue of the information
 constexpr int kMinPartners = 300;
+
+constexpr double kBrightnessSigma = 6.0;  // grey levels: noise and shading
+
+constexpr double kMaxChi2 = 25.0;  // what one residual can say about the fit as a whole
 
 struct Round {
   double gate;  // metres
@@ -42,36 +45,80 @@ struct NormalEquations {
   Matrix6d H = Matrix6d::Zero();
   Vector6d b = Vector6d::Zero();
   double squares = 0.0;
+  double chi2 = 0.0, trust = 0.0;  // whitened squares (clipped) and their weights
   int partners = 0;
   int candidates = 0;
 };
 
+// Brightness at a cell position and its slope, in grey levels and grey levels a cell.
+bool sample(const cv::Mat& gray, float x, float y, float& value, Eigen::Vector2d& slope) {
+  const int x0 = static_cast<int>(std::floor(x)), y0 = static_cast<int>(std::floor(y));
+  if (x0 < 0 || y0 < 0 || x0 + 1 >= gray.cols || y0 + 1 >= gray.rows) return false;
+  const float a = x - static_cast<float>(x0), b = y - static_cast<float>(y0);
+  const float* upper = gray.ptr<float>(y0) + x0;
+  const float* lower = gray.ptr<float>(y0 + 1) + x0;
+  value = (1 - b) * ((1 - a) * upper[0] + a * upper[1]) + b * ((1 - a) * lower[0] + a * lower[1]);
+  slope.x() = (1 - b) * (upper[1] - upper[0]) + b * (lower[1] - lower[0]);
+  slope.y() = (1 - a) * (lower[0] - upper[0]) + a * (lower[1] - upper[1]);
+  return true;
+}
+
+void add(const Vector6d& J, double r, double sigma, double trust, NormalEquations& sum) {
+  const double whitened = std::abs(r) / sigma;
+  const double weight = trust * (whitened > 2.0 ? 2.0 / whitened : 1.0) / (sigma * sigma);
+  sum.chi2 += trust * std::min(whitened * whitened, kMaxChi2);
+  sum.trust += trust;
+  const Vector6d weighted = weight * J;
+  sum.H.noalias() += weighted * J.transpose();
+  sum.b.noalias() += r * weighted;
+}
+
+void add_brightness(const SurfaceGrid& from, const SurfaceGrid& to, std::size_t i,
+                    const PinholeCamera& camera, const Eigen::Vector3d& p,
+                    const Eigen::Vector2d& pixel, double trust, NormalEquations& sum) {
+  float value = 0.0F;
+  Eigen::Vector2d slope;
+  const float x = static_cast<float>(pixel.x() + 0.5) / kCell - 0.5F;
+  const float y = static_cast<float>(pixel.y() + 0.5) / kCell - 0.5F;
+  if (!sample(from.gray, x, y, value, slope)) return;
+  const Eigen::Vector2d g(slope.x() * camera.fx / kCell, slope.y() * camera.fy / kCell);
+  const Eigen::Vector3d d(g.x() / p.z(), g.y() / p.z(),
+                          -(g.x() * p.x() + g.y() * p.y()) / (p.z() * p.z()));
+  Vector6d J;
+  J << d, p.cross(d);
+  add(J, value - to.gray.ptr<float>()[i], kBrightnessSigma, trust, sum);
+}
+
 void accumulate(const SurfaceGrid& from, const SurfaceGrid& to, const PinholeCamera& camera,
-                const RigidTransform& T, double gate, NormalEquations& sum) {
-  for (std::size_t i = 0; i < to.points.size(); ++i) {
-    if (to.normals[i].isZero()) continue;
-    const Eigen::Vector3d p = T * to.points[i].cast<double>();
-    if (p.z() <= kMinDepth) continue;
-    const Eigen::Vector2d pixel = camera.project(p);
-    if (!camera.contains(pixel)) continue;
-    ++sum.candidates;
-    const int x = std::min(static_cast<int>(pixel.x()) / kCell, from.width - 1);
-    const int y = std::min(static_cast<int>(pixel.y()) / kCell, from.height - 1);
-    const auto j = static_cast<std::size_t>(y * from.width + x);
-    if (from.normals[j].isZero()) continue;
-    const Eigen::Vector3d n = from.normals[j].cast<double>();
-    const Eigen::Vector3d gap = p - from.points[j].cast<double>();
-    if (gap.norm() > gate || n.dot(T.R * to.normals[i].cast<double>()) < kMinCosine) continue;
-    const double r = n.dot(gap);
-    const double sigma = std::max(0.003, static_cast<double>(noise(to.points[i].z())));
-    const double whitened = std::abs(r) / sigma;
-    const double weight = (whitened > 2.0 ? 2.0 / whitened : 1.0) / (sigma * sigma);
-    Vector6d J;
-    J << n, p.cross(n);
-    sum.H.noalias() += weight * J * J.transpose();
-    sum.b.noalias() += weight * r * J;
-    sum.squares += r * r;
-    ++sum.partners;
+                const RigidTransform& T, double gate, const AlignmentOptions& options,
+                NormalEquations& sum) {
+  const bool brightness = options.use_brightness && !from.gray.empty() && !to.gray.empty();
+  for (int row = 0; row < to.height; row += options.step) {
+    for (int column = 0; column < to.width; column += options.step) {
+      const auto i = static_cast<std::size_t>(row * to.width + column);
+      if (to.normals[i].isZero()) continue;
+      const Eigen::Vector3d p = T * to.points[i].cast<double>();
+      if (p.z() <= kMinDepth) continue;
+      const Eigen::Vector2d pixel = camera.project(p);
+      if (!camera.contains(pixel)) continue;
+      ++sum.candidates;
+      const int x = std::min(static_cast<int>(pixel.x()) / kCell, from.width - 1);
+      const int y = std::min(static_cast<int>(pixel.y()) / kCell, from.height - 1);
+      const auto j = static_cast<std::size_t>(y * from.width + x);
+      if (from.normals[j].isZero()) continue;
+      const Eigen::Vector3d n = from.normals[j].cast<double>();
+      const Eigen::Vector3d gap = p - from.points[j].cast<double>();
+      if (gap.norm() > gate || n.dot(T.R * to.normals[i].cast<double>()) < kMinCosine) continue;
+      const double trust = from.trust.empty() ? 1.0 : from.trust.at<float>(y, x);
+      if (trust <= 0.0) continue;
+      const double r = n.dot(gap);
+      Vector6d J;
+      J << n, p.cross(n);
+      add(J, r, std::max(0.003, static_cast<double>(noise(to.points[i].z()))), trust, sum);
+      if (brightness) add_brightness(from, to, i, camera, p, pixel, trust, sum);
+      sum.squares += r * r;
+      ++sum.partners;
+    }
   }
 }
 
@@ -96,35 +143,52 @@ double mean_distance(const SurfaceGrid& grid) {
   return count > 0 ? sum / count : 1.0;
 }
 
+// Mean of the middle pixels of a cell, if they are one surface.
+bool cell_point(const cv::Mat& depth, int x, int y, const PinholeCamera& camera,
+                Eigen::Vector3f& point) {
+  float sum = 0.0F, nearest = 1e9F, farthest = 0.0F;
+  int count = 0;
+  for (int v = kCell * y + 1; v <= kCell * y + 2; ++v) {
+    for (int u = kCell * x + 1; u <= kCell * x + 2; ++u) {
+      const float z = depth.at<float>(v, u);
+      if (!(z > 0.0F)) continue;
+      sum += z;
+      nearest = std::min(nearest, z);
+      farthest = std::max(farthest, z);
+      ++count;
+    }
+  }
+  if (count < 3 || farthest - nearest > kJump * nearest) return false;
+  const Eigen::Vector2d centre(kCell * x + 1.5, kCell * y + 1.5);
+  point = camera.unproject(centre, sum / static_cast<float>(count)).cast<float>();
+  return true;
+}
+
+// Adds the certainty of the guess: xi is the left perturbation from it.
+void add_guess(const Matrix6d& information, const RigidTransform& T, const RigidTransform& guess,
+               NormalEquations& sum) {
+  sum.H += information;
+  sum.b += information * se3_log(T * guess.inverse());
+}
+
 }  // namespace
 
-void build_surface_grid(ImageView<const float> depth, const PinholeCamera& camera,
-                        SurfaceGrid& grid) {
-  grid.width = depth.width / kCell;
-  grid.height = depth.height / kCell;
+void build_surface_grid(const cv::Mat& depth, const cv::Mat& gray_cells, const cv::Mat& trust,
+                        const PinholeCamera& camera, SurfaceGrid& grid) {
+  grid.width = depth.cols / kCell;
+  grid.height = depth.rows / kCell;
   const auto cells = static_cast<std::size_t>(grid.width) * static_cast<std::size_t>(grid.height);
   grid.points.assign(cells, Eigen::Vector3f::Zero());
   grid.normals.assign(cells, Eigen::Vector3f::Zero());
+  grid.trust = trust;
+  if (gray_cells.empty()) {
+    grid.gray.release();
+  } else {
+    gray_cells.convertTo(grid.gray, CV_32F);
+  }
   for (int y = 0; y < grid.height; ++y) {
     for (int x = 0; x < grid.width; ++x) {
-      // The mean of the middle pixels, if they are one surface.
-      float sum = 0.0F, nearest = 1e9F, farthest = 0.0F;
-      int count = 0;
-      for (int dy = 1; dy <= 2; ++dy) {
-        for (int dx = 1; dx <= 2; ++dx) {
-          const int u = kCell * x + dx, v = kCell * y + dy;
-          const float z = depth(u, v);
-          if (!(z > 0.0F)) continue;
-          sum += z;
-          nearest = std::min(nearest, z);
-          farthest = std::max(farthest, z);
-          ++count;
-        }
-      }
-      if (count < 3 || farthest - nearest > kJump * nearest) continue;
-      const Eigen::Vector2d centre(kCell * x + 1.5, kCell * y + 1.5);
-      grid.points[static_cast<std::size_t>(y * grid.width + x)] =
-          camera.unproject(centre, sum / static_cast<float>(count)).cast<float>();
+      cell_point(depth, x, y, camera, grid.points[static_cast<std::size_t>(y * grid.width + x)]);
     }
   }
   for (int y = 0; y + 1 < grid.height; ++y) {
@@ -138,27 +202,36 @@ void build_surface_grid(ImageView<const float> depth, const PinholeCamera& camer
 
 std::optional<SurfaceAlignment> align_surfaces(const SurfaceGrid& from, const SurfaceGrid& to,
                                                const PinholeCamera& camera,
-                                               const RigidTransform& initial) {
+                                               const RigidTransform& initial,
+                                               const AlignmentOptions& options) {
   if (from.empty() || to.empty()) return std::nullopt;
   SurfaceAlignment result;
   result.T_from_to = initial;
   const double distance = mean_distance(to);
+  const int min_partners = kMinPartners / (options.step * options.step);
   NormalEquations last;
   for (const Round& round : kRounds) {
+    if (round.gate > options.first_gate) continue;
     for (int i = 0; i < round.iterations; ++i) {
       last = {};
-      accumulate(from, to, camera, result.T_from_to, round.gate, last);
-      if (last.partners < kMinPartners || !well_determined(last.H, distance)) return std::nullopt;
+      accumulate(from, to, camera, result.T_from_to, round.gate, options, last);
+      if (last.partners < min_partners) return std::nullopt;
+      if (options.guess_information) {
+        add_guess(*options.guess_information, result.T_from_to, initial, last);
+      } else if (!well_determined(last.H, distance)) {
+        return std::nullopt;
+      }
       const Vector6d step = -last.H.ldlt().solve(last.b);
       if (!step.allFinite()) return std::nullopt;
       result.T_from_to = (se3_exp(step) * result.T_from_to).normalized();
       if (step.norm() < 1e-5) break;
     }
   }
-  result.information = last.H;
+  // Where the fit is worse than its noise, it is as much less certain.
+  result.information = last.H / std::max(1.0, last.chi2 / std::max(1e-9, last.trust));
   result.overlap = static_cast<double>(last.partners) / std::max(1, last.candidates);
   result.rms = std::sqrt(last.squares / last.partners);
-  if (result.overlap < kMinOverlap || result.rms > kMaxRms) return std::nullopt;
+  if (result.overlap < options.min_overlap || result.rms > kMaxRms) return std::nullopt;
   return result;
 }
 

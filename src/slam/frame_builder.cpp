@@ -11,6 +11,8 @@
 #include "dynslam/core/errors.hpp"
 #include "dynslam/core/opencv.hpp"
 
+#include "depth_alignment.hpp"
+
 namespace dynslam::slam {
 namespace {
 
@@ -50,7 +52,7 @@ FrameFeaturesPtr FrameBuilder::build(const FrameInput& frame) {
   if (frame.image.channels() == 3) {
     cv::cvtColor(frame.image, gray_, cv::COLOR_BGR2GRAY);
   } else {
-    gray_ = frame.image;
+    frame.image.copyTo(gray_);  // the caller's pixels are not kept
   }
   extractor_.extract(as_view<const std::uint8_t>(gray_), as_view<const std::uint8_t>(frame.mask),
                      features->keypoints, features->descriptors);
@@ -68,7 +70,7 @@ FrameFeaturesPtr FrameBuilder::build(const FrameInput& frame) {
         frame.image.channels() == 3 ? frame.image.at<cv::Vec3b>(at) : cv::Vec3b(gray, gray, gray);
   }
   add_depth(frame.depth, *features);
-  if (frame.image.channels() == 1) gray_.release();  // the caller's pixels are not kept
+  cv::resize(gray_, gray_cells_, gray_.size() / kSurfaceCell, 0, 0, cv::INTER_AREA);
   return features;
 }
 

@@ -20,6 +20,11 @@ class FrameBuilder {
   /// Copies the depth image without what is masked; releases `depth` without one.
   void copy_depth(const FrameInput& frame, cv::Mat& depth) const;
 
+  /// The last image built from, grey; for gray input the caller's pixels.
+  const cv::Mat& gray() const { return gray_; }
+  /// The same at a quarter of its size.
+  const cv::Mat& gray_cells() const { return gray_cells_; }
+
   const std::vector<float>& scale_factors() const { return extractor_.scale_factors(); }
 
  private:
@@ -28,7 +33,7 @@ class FrameBuilder {
   DepthCamera camera_;
   double max_depth_;
   features::OrbExtractor extractor_;
-  cv::Mat gray_;
+  cv::Mat gray_, gray_cells_;
 };
 
 }  // namespace dynslam::slam

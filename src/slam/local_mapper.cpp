@@ -20,6 +20,7 @@ constexpr int kFuseDistance = 50;    // bits
 constexpr double kFuseRadius = 3.0;  // pixels at the finest level
 constexpr double kFuseGap = 0.05;    // share of depth between points that may be one
 constexpr int kMinShared = 15;       // points that make two keyframes neighbours
+constexpr float kNewWeight = 0.5F;   // belief in a new point where movers are looked for
 
 bool is_seen_by(const MapPoint& point, KeyframeId keyframe) {
   return std::any_of(point.observations.begin(), point.observations.end(),
@@ -48,11 +49,13 @@ KeyframeId LocalMapper::insert(Map& map, TrackedFrame& frame, std::size_t frame_
       }
       continue;
     }
-    if (!(features.depths[i] > 0.0F)) continue;
+    if (!(features.depths[i] > 0.0F) || frame.moving[i] != 0) continue;
     const cv::Point2f pixel = features.keypoints[i].pt;
     MapPoint point;
     point.position = T_world_cam * camera_.unproject({pixel.x, pixel.y}, features.depths[i]);
     point.color = features.colors[i];
+    // A point must prove itself: what looks static now may only have paused.
+    if (options_.geometry) point.static_weight = std::min(kNewWeight, frame.staticness[i]);
     frame.points[i] = map.add_point(std::move(point));
     frame.rejected[i] = 0;
     map.add_observation(frame.points[i], {id, i});

@@ -6,8 +6,10 @@
 
 #include "dynslam/core/errors.hpp"
 
+#include "feature_tracks.hpp"
 #include "frame_builder.hpp"
 #include "local_mapper.hpp"
+#include "mover_detector.hpp"
 #include "stopwatch.hpp"
 #include "tracker.hpp"
 
@@ -51,13 +53,17 @@ struct System::Impl {
         options(options_),
         builder(camera_, options_.tracking),
         tracker(camera_, options_, builder.scale_factors()),
-        mapper(camera_, options_, builder.scale_factors()) {}
+        mapper(camera_, options_, builder.scale_factors()),
+        tracks(camera_, builder.scale_factors()),
+        movers(camera_) {}
 
   DepthCamera camera;
   SystemOptions options;
   FrameBuilder builder;
   Tracker tracker;
   LocalMapper mapper;
+  FeatureTracks tracks;
+  MoverDetector movers;
   Map map;
 
   std::vector<FrameRecord> records;
@@ -80,6 +86,7 @@ struct System::Impl {
   void record();
   RigidTransform pose_of(const FrameRecord& record) const;
   void update_velocity();
+  void find_movers(FrameResult& result);
   bool locate(FrameResult& result);
   void step(FrameResult& result);
 };
@@ -98,6 +105,7 @@ System::System(System&&) noexcept = default;
 System& System::operator=(System&&) noexcept = default;
 
 const Map& System::map() const { return impl_->map; }
+MoversView System::movers() const { return {impl_->movers.mask(), impl_->movers.judged()}; }
 const SystemOptions& System::options() const { return impl_->options; }
 
 bool System::Impl::initialize() {
@@ -117,9 +125,16 @@ bool System::Impl::follow() {
   tracker.forget_velocity();
   tracker.forget_alignment();
   if (velocity && dt <= kMaxExtrapolation) tracker.set_velocity(se3_exp(dt * *velocity));
-  if (tracker.track_last_frame(map, last, current)) return true;
+  geometry::DepthCheck depth_check;
+  if (options.geometry && !current.depth.empty()) {
+    depth_check = [this](const RigidTransform& T_cam_world) {
+      return movers.static_share(current.depth, T_cam_world, current.timestamp);
+    };
+  }
+  if (depth_check) tracker.align_background(last, current);
+  if (tracker.track_last_frame(map, last, current, depth_check)) return true;
   if (tracker.align_depth(last, current)) {
-    if (!tracker.track_last_frame(map, last, current)) {
+    if (!tracker.track_last_frame(map, last, current, depth_check)) {
       current.reset(current.features, current.timestamp);
       current.T_cam_world = tracker.expected_pose(last);
     }
@@ -159,6 +174,8 @@ void System::Impl::restart_if_hopeless() {
       map.keyframes_made() <= kRestartKeyframes && current.timestamp - lost_since > kRestartAfter;
   if (!hopeless) return;
   map = Map();
+  movers.clear();
+  tracks.clear();
   for (FrameRecord& record : records) record.reference = kNoId;
   reference = kNoId;
   state = TrackingState::kNotInitialized;
@@ -227,6 +244,27 @@ void System::Impl::update_velocity() {
   velocity = se3_log(current.T_cam_world * T_last_world.inverse()) / dt;
 }
 
+// Lets go of the features that move by geometry, given a first pose of the frame.
+void System::Impl::find_movers(FrameResult& result) {
+  if (!options.geometry || current.depth.empty()) return;
+  const ScopedTimer timer(result.ms.geometry);
+  tracks.judge(current);
+  movers.detect(current, tracks.verdicts());
+  result.moving_share = static_cast<float>(movers.masked_share());
+  current.cell_trust = movers.trust();
+  for (std::size_t i = 0; i < current.points.size(); ++i) {
+    const cv::Point2f pixel = current.features->keypoints[i].pt;
+    current.staticness[i] = movers.staticness(pixel);
+    const bool covered =
+        movers.mask().at<std::uint8_t>(cv::Point(cvRound(pixel.x), cvRound(pixel.y))) != 0;
+    if (!covered && tracks.verdicts()[i].verdict != geometry::Verdict::kDynamic) continue;
+    current.moving[i] = 1;
+    current.rejected[i] = 1;
+    current.points[i] = kNoId;
+    ++result.moving_features;
+  }
+}
+
 // Finds the pose of the current frame; the state says how that went.
 bool System::Impl::locate(FrameResult& result) {
   if (state == TrackingState::kNotInitialized) {
@@ -237,6 +275,7 @@ bool System::Impl::locate(FrameResult& result) {
     return true;
   }
   if (state != TrackingState::kLost && follow()) {
+    find_movers(result);
     result.inliers = tracker.track_local_map(map, reference, current, false);
     if (result.inliers >= options.tracking.min_inliers || tracker.depth_aligned()) {
       result.depth_aligned = tracker.depth_aligned();
@@ -245,6 +284,7 @@ bool System::Impl::locate(FrameResult& result) {
     }
   }
   if (relocalize()) {
+    find_movers(result);
     result.inliers = static_cast<int>(std::count_if(current.points.begin(), current.points.end(),
                                                     [](PointId id) { return id != kNoId; }));
     state = TrackingState::kRelocalized;
@@ -273,6 +313,11 @@ void System::Impl::step(FrameResult& result) {
   result.ms.match = times.match;
   result.ms.optimize = times.optimize;
   if (located) result.T_world_cam = current.T_cam_world.inverse();
+  if (located && options.geometry && !current.depth.empty()) {
+    if (first) find_movers(result);
+    tracks.remember(current);
+    movers.remember(current.depth, current.T_cam_world, current.timestamp);
+  }
   record();
   if (state == TrackingState::kLost) restart_if_hopeless();
   std::swap(last, current);
@@ -296,6 +341,8 @@ FrameResult System::track(const FrameInput& frame) {
       const ScopedTimer timer(result.ms.extract);
       s.current.reset(s.builder.build(frame), frame.timestamp);
       s.builder.copy_depth(frame, s.current.depth);
+      if (s.options.geometry) s.builder.gray().copyTo(s.current.gray);
+      s.current.gray_cells = s.builder.gray_cells().clone();
     }
     result.features = static_cast<int>(s.current.features->size());
     result.masked_share = s.current.features->masked_share;

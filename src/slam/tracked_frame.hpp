@@ -3,6 +3,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <vector>
 
 #include <opencv2/core/mat.hpp>
@@ -19,14 +20,24 @@ struct TrackedFrame {
   double timestamp = 0.0;
   RigidTransform T_cam_world;
   cv::Mat depth;                       ///< copy of the depth image; 0 under the mask
+  cv::Mat gray;                        ///< CV_8UC1
+  cv::Mat gray_cells;                  ///< the image at a quarter of its size, CV_8UC1
+  cv::Mat cell_trust;                  ///< MoverDetector::trust; may be empty
   std::vector<PointId> points;         ///< by feature; kNoId = none
+  std::vector<std::uint8_t> moving;    ///< by feature: 1 when geometry says that it moves
+  std::vector<float> staticness;       ///< by feature: what geometry believes, 0..1; NaN = no idea
+  std::vector<std::int32_t> previous;  ///< by feature: the same in the frame before, -1 = none
   std::vector<std::uint8_t> rejected;  ///< by feature: 1 when its match disagreed with the pose
 
   void reset(FrameFeaturesPtr new_features, double time) {
     features = std::move(new_features);
     timestamp = time;
+    cell_trust.release();
     points.assign(features->size(), kNoId);
     rejected.assign(features->size(), 0);
+    previous.assign(features->size(), -1);
+    moving.assign(features->size(), 0);
+    staticness.assign(features->size(), std::numeric_limits<float>::quiet_NaN());
   }
 };
 

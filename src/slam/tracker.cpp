@@ -9,6 +9,9 @@
 #include "dynslam/core/opencv.hpp"
 #include "dynslam/factors/static_weight.hpp"
 #include "dynslam/features/matcher.hpp"
+#include "dynslam/matching/motion_consensus.hpp"
+#include "dynslam/matching/opencv.hpp"
+#include "dynslam/matching/reject.hpp"
 
 #include "stopwatch.hpp"
 #include "visibility.hpp"
@@ -20,6 +23,19 @@ constexpr int kMinPnpInliers = 12;
 constexpr double kWeightMomentum = 0.5;  // share of the last frames in a point's weight
 // Errors of neighbouring depth pixels are not independent: a grid of thousands is worth dozens.
 constexpr double kAlignmentTrust = 0.01;
+
+constexpr double kGuessTranslation = 0.02;  // metres that the velocity may be off
+constexpr double kGuessRotation = 0.02;     // radians
+constexpr double kFarFromPrior = 16.8;  // squared Mahalanobis distance: 1 % of 6 degrees of freedom
+constexpr float kTrialWeight = 0.05F;   // of a point on trial beside one that is proven
+constexpr double kAgrees = 0.15;        // log-odds of standing still that a fitting match adds
+constexpr double kDisagrees = -1.0;     // and one that does not
+constexpr double kSurest = 4.0;         // most that is remembered
+
+double log_odds(double p) {
+  const double clamped = std::clamp(p, 0.01, 0.99);
+  return std::log(clamped / (1.0 - clamped));
+}
 
 }  // namespace
 
@@ -37,13 +53,15 @@ Tracker::Tracker(const DepthCamera& camera, const SystemOptions& options,
                  const std::vector<float>& scale_factors)
     : camera_(camera),
       options_(options.tracking),
-      weighted_(options.weights != factors::WeightMode::kFixed),
+      weighted_(options.weights != factors::WeightMode::kFixed || options.geometry),
+      geometry_(options.geometry),
+      reject_matches_(options.reject_matches),
       scale_factors_(scale_factors),
       pose_(camera, scale_factors, options.weights) {}
 
-float Tracker::initial_weight(float remembered) const {
+float Tracker::initial_weight(float remembered, float geometric) const {
   if (!weighted_) return 1.0F;
-  const factors::DetectorVote votes[] = {{1.0, 1.0}};
+  const factors::DetectorVote votes[] = {{1.0, 0.5}, {geometric, 0.5}};
   factors::StaticWeightOptions options;
   options.momentum = kWeightMomentum;
   return static_cast<float>(factors::initial_weight(votes, remembered, options));
@@ -61,7 +79,7 @@ void Tracker::predict_from_last(const Map& map, const TrackedFrame& last, double
   const RigidTransform T_world_last = last.T_cam_world.inverse();
   predictions_.resize(features.size());
   for (std::size_t i = 0; i < features.size(); ++i) {
-    if (last.rejected[i] != 0) continue;
+    if (last.rejected[i] != 0 && !geometry_) continue;
     const cv::KeyPoint& keypoint = features.keypoints[i];
     if (const MapPoint* point = map.find_point(last.points[i])) {
       predictions_.ids[i] = last.points[i];
@@ -70,6 +88,8 @@ void Tracker::predict_from_last(const Map& map, const TrackedFrame& last, double
     } else if (features.depths[i] > 0.0F) {
       predictions_.positions[i] =
           T_world_last * camera_.unproject({keypoint.pt.x, keypoint.pt.y}, features.depths[i]);
+      if (geometry_)
+        predictions_.weights[i] = std::isnan(last.staticness[i]) ? 0.5F : last.staticness[i];
     } else {
       continue;
     }
@@ -117,49 +137,131 @@ int Tracker::optimize(TrackedFrame& frame, const std::vector<PointId>& ids) {
   return result.inliers;
 }
 
+void Tracker::keep_background(const Map& map, const geometry::DepthCheck& depth_check,
+                              TrackedFrame& frame) {
+  motions_.world.clear();
+  motions_.pixels.clear();
+  motions_.depths.clear();
+  motions_.scales.clear();
+  motions_.weights.clear();
+  motions_.ages.clear();
+  for (const PointMatch& match : matches_) {
+    const cv::KeyPoint& keypoint = frame.features->keypoints[match.feature];
+    const MapPoint* point = map.find_point(predictions_.ids[match.source]);
+    motions_.world.push_back(match.position);
+    motions_.pixels.push_back(keypoint.pt);
+    motions_.depths.push_back(frame.features->depths[match.feature]);
+    motions_.scales.push_back(scale_factors_[static_cast<std::size_t>(keypoint.octave)]);
+    motions_.weights.push_back(
+        std::max(2.0F * predictions_.weights[match.source] - 1.0F, kTrialWeight));
+    motions_.ages.push_back(
+        point == nullptr ? 0.0F : static_cast<float>(map.keyframes_made() - point->born_keyframe));
+  }
+  geometry::PoseProblem problem;
+  problem.world = motions_.world;
+  problem.pixels = motions_.pixels;
+  problem.depths = motions_.depths;
+  problem.scales = motions_.scales;
+  problem.weights = motions_.weights;
+  problem.ages = motions_.ages;
+  const geometry::PosePrior prior{frame.T_cam_world, 0.01, 0.02};
+  geometry::estimate_pose(camera_, problem, &prior, depth_check, {}, motions_.workspace,
+                          motions_.result);
+  if (!motions_.result.ok()) return;
+  // What stood still and was aligned is the better witness when features say something far off.
+  const auto& chosen = motions_.result.hypotheses[static_cast<std::size_t>(motions_.result.chosen)];
+  if (prior_ && chosen.prior_distance > kFarFromPrior) return;
+  frame.T_cam_world = motions_.result.T_cam_world;
+  std::size_t kept = 0;
+  for (std::size_t i = 0; i < matches_.size(); ++i) {
+    if (motions_.result.motion[i] == motions_.result.chosen) matches_[kept++] = matches_[i];
+  }
+  matches_.resize(kept);
+}
+
+void Tracker::reject_matches(const TrackedFrame& last, const TrackedFrame& frame) {
+  keep_.resize(found_.size());
+  matching::reject(matching::DefaultRule(), found_, last.features->keypoints,
+                   frame.features->keypoints, keep_, {}, rejection_);
+  matching::erase_rejected(found_, keep_);
+}
+
 bool Tracker::match_last_frame(const Map& map, const TrackedFrame& last, double radius,
-                               TrackedFrame& frame) {
+                               TrackedFrame& frame, const geometry::DepthCheck& depth_check) {
   {
     const ScopedTimer timer(times_.match);
     frame.T_cam_world = expected_pose(last);
     taken_.clear();
     predict_from_last(map, last, radius, frame.T_cam_world);
     match_predictions(last.features->descriptors_view(), 0.9F, frame);
+    if (reject_matches_) reject_matches(last, frame);
     matches_.clear();
     for (const Match& match : found_) {
       const auto source = static_cast<std::uint32_t>(match.query);
       const auto feature = static_cast<std::uint32_t>(match.train);
+      frame.previous[feature] = match.query;
+      if (last.rejected[source] != 0) continue;
       matches_.push_back({source, feature, predictions_.positions[source],
-                          initial_weight(predictions_.weights[source])});
+                          initial_weight(predictions_.weights[source], frame.staticness[feature])});
     }
+    if (depth_check) keep_background(map, depth_check, frame);
   }
   return static_cast<int>(matches_.size()) >= options_.min_inliers &&
          optimize(frame, predictions_.ids) >= options_.min_inliers;
 }
 
-bool Tracker::track_last_frame(const Map& map, const TrackedFrame& last, TrackedFrame& frame) {
-  if (match_last_frame(map, last, options_.frame_radius, frame)) return true;
-  return match_last_frame(map, last, 2.0 * options_.frame_radius, frame);
+bool Tracker::track_last_frame(const Map& map, const TrackedFrame& last, TrackedFrame& frame,
+                               const geometry::DepthCheck& depth_check) {
+  if (match_last_frame(map, last, options_.frame_radius, frame, depth_check)) return true;
+  return match_last_frame(map, last, 2.0 * options_.frame_radius, frame, depth_check);
+}
+
+void Tracker::set_prior(const TrackedFrame& last, const SurfaceAlignment& alignment) {
+  factors::PosePrior prior;
+  prior.mean = velocity_ * last.T_cam_world;
+  // xi of T_from_to is -Ad(T_from_to) times that of T_cam_world.
+  const Matrix6d ad = se3_adjoint(alignment.T_from_to);
+  prior.information = kAlignmentTrust * ad.transpose() * alignment.information * ad;
+  prior_ = prior;
 }
 
 bool Tracker::align_depth(const TrackedFrame& last, const TrackedFrame& frame) {
   const ScopedTimer timer(times_.match);
   if (last.depth.empty() || frame.depth.empty()) return false;
-  build_surface_grid(as_view<const float>(last.depth), camera_, last_surface_);
-  build_surface_grid(as_view<const float>(frame.depth), camera_, surface_);
+  build_surface_grid(last.depth, {}, {}, camera_, last_surface_);
+  build_surface_grid(frame.depth, {}, {}, camera_, surface_);
   for (const RigidTransform& guess : {velocity_.inverse(), RigidTransform()}) {
     const auto alignment = align_surfaces(last_surface_, surface_, camera_, guess);
     if (!alignment) continue;
     velocity_ = alignment->T_from_to.inverse();
-    factors::PosePrior prior;
-    prior.mean = velocity_ * last.T_cam_world;
-    // xi of T_from_to is -Ad(T_from_to) times that of T_cam_world.
-    const Matrix6d ad = se3_adjoint(alignment->T_from_to);
-    prior.information = kAlignmentTrust * ad.transpose() * alignment->information * ad;
-    prior_ = prior;
+    set_prior(last, *alignment);
+    depth_aligned_ = true;
     return true;
   }
   return false;
+}
+
+void Tracker::align_background(const TrackedFrame& last, const TrackedFrame& frame) {
+  const ScopedTimer timer(times_.match);
+  if (last.depth.empty() || frame.depth.empty()) return;
+  build_surface_grid(last.depth, last.gray_cells, last.cell_trust, camera_, last_surface_);
+  build_surface_grid(frame.depth, frame.gray_cells, {}, camera_, surface_);
+  AlignmentOptions options;
+  options.first_gate = 0.12;
+  options.min_overlap = 0.1;
+  options.step = 2;
+  options.use_brightness = true;
+  const double translation = kGuessTranslation * kGuessTranslation;
+  const double rotation = kGuessRotation * kGuessRotation;
+  Vector6d certainty;
+  certainty << Eigen::Vector3d::Constant(1.0 / translation),
+      Eigen::Vector3d::Constant(1.0 / rotation);
+  options.guess_information = certainty.asDiagonal();
+  const auto alignment =
+      align_surfaces(last_surface_, surface_, camera_, velocity_.inverse(), options);
+  if (!alignment) return;
+  velocity_ = alignment->T_from_to.inverse();
+  set_prior(last, *alignment);
 }
 
 void Tracker::predict_from_map(const RigidTransform& T_cam_world, double radius) {
@@ -185,7 +287,7 @@ int Tracker::track_local_map(Map& map, KeyframeId reference, TrackedFrame& frame
   {
     const ScopedTimer timer(times_.match);
     local_map_.collect(map, frame.points, reference, options_.local_keyframes);
-    taken_.clear();
+    taken_ = frame.moving;
     predict_from_map(frame.T_cam_world, options_.map_radius * (wide ? 2.0 : 1.0));
     match_predictions(local_map_.descriptors_view(), 0.8F, frame);
     std::fill(frame.points.begin(), frame.points.end(), kNoId);
@@ -194,10 +296,11 @@ int Tracker::track_local_map(Map& map, KeyframeId reference, TrackedFrame& frame
       const auto source = static_cast<std::uint32_t>(match.query);
       const auto feature = static_cast<std::uint32_t>(match.train);
       matches_.push_back({source, feature, predictions_.positions[source],
-                          initial_weight(predictions_.weights[source])});
+                          initial_weight(predictions_.weights[source], frame.staticness[feature])});
     }
   }
   if (static_cast<int>(matches_.size()) < options_.min_inliers && !prior_) return 0;
+  if (geometry_) prefer_proven();
   const int inliers = optimize(frame, predictions_.ids);
   for (const PointId id : predictions_.ids) {
     if (id != kNoId) ++map.point(id).visible;
@@ -205,13 +308,38 @@ int Tracker::track_local_map(Map& map, KeyframeId reference, TrackedFrame& frame
   for (const PointId id : frame.points) {
     if (id != kNoId) ++map.point(id).found;
   }
-  if (weighted_) {
-    const Span<const float> weights = pose_.weights();
-    for (std::size_t i = 0; i < matches_.size(); ++i) {
-      map.point(predictions_.ids[matches_[i].source]).static_weight = weights[i];
+  remember_weights(map, frame);
+  return inliers;
+}
+
+// Points on trial must not outvote those that have stood still for long: a weight is how much more
+// than chance a point is believed.
+void Tracker::prefer_proven() {
+  float greatest = kTrialWeight;
+  for (PointMatch& match : matches_) {
+    const float belief = predictions_.weights[match.source];
+    match.weight = std::max(2.0F * belief - 1.0F, kTrialWeight);
+    greatest = std::max(greatest, match.weight);
+  }
+  for (PointMatch& match : matches_) match.weight /= greatest;
+}
+
+// A point that agrees frame after frame is believed, one that disagrees soon not.
+void Tracker::remember_weights(Map& map, const TrackedFrame& frame) const {
+  const Span<const float> weights = pose_.weights();
+  const Span<const std::uint8_t> inliers = pose_.inliers();
+  for (std::size_t i = 0; i < matches_.size(); ++i) {
+    MapPoint& point = map.point(predictions_.ids[matches_[i].source]);
+    if (geometry_) {
+      const double seen = frame.staticness[matches_[i].feature];
+      const double odds = log_odds(point.static_weight) + (inliers[i] != 0 ? kAgrees : kDisagrees) +
+                          (std::isnan(seen) ? 0.0 : std::clamp(0.3 * log_odds(seen), -0.5, 0.2));
+      point.static_weight =
+          static_cast<float>(1.0 / (1.0 + std::exp(-std::clamp(odds, -kSurest, kSurest))));
+    } else if (weighted_) {
+      point.static_weight = weights[i];
     }
   }
-  return inliers;
 }
 
 bool Tracker::solve_pnp(const std::vector<Eigen::Vector3d>& points, const FrameFeatures& features,

@@ -9,6 +9,8 @@
 
 #include "dynslam/core/camera.hpp"
 #include "dynslam/core/match.hpp"
+#include "dynslam/geometry/robust_pose.hpp"
+#include "dynslam/matching/workspace.hpp"
 #include "dynslam/slam/map.hpp"
 #include "dynslam/slam/options.hpp"
 
@@ -30,9 +32,13 @@ class Tracker {
   Tracker(const DepthCamera& camera, const SystemOptions& options,
           const std::vector<float>& scale_factors);
 
-  /// Pose of `frame` from `last` by constant velocity, windows and, where that finds too little, by
-  /// descriptors alone. Fills pose and points of `frame`; false if that fails.
-  bool track_last_frame(const Map& map, const TrackedFrame& last, TrackedFrame& frame);
+  /// Pose of `frame` from `last` by constant velocity and windows. Fills pose and points of
+  /// `frame`; false if that fails.
+  ///
+  /// With a `depth_check` several motions are looked for among the matches, and the one that the
+  /// background follows is taken: the check says how well a pose explains the depth image.
+  bool track_last_frame(const Map& map, const TrackedFrame& last, TrackedFrame& frame,
+                        const geometry::DepthCheck& depth_check = {});
 
   /// Refines the pose with every map point that should be visible; returns the inliers. `wide`
   /// opens the windows (after a relocalization). Counts how often points should have been seen and
@@ -46,10 +52,16 @@ class Tracker {
   /// Aligns the depth images of two frames and expects the camera where that puts it: for frames
   /// with too few features. False if depth does not determine the motion.
   bool align_depth(const TrackedFrame& last, const TrackedFrame& frame);
+  /// Refines where the camera is expected by aligning what stood still in the last frame, shape and
+  /// brightness; directions that these leave open stay as they were.
+  void align_background(const TrackedFrame& last, const TrackedFrame& frame);
   /// Whether the pose of this frame rests on aligned depth.
   bool depth_aligned() const { return prior_.has_value(); }
-  /// Forgets what `align_depth` found; call before each frame.
-  void forget_alignment() { prior_.reset(); }
+  /// Forgets what was aligned; call before each frame.
+  void forget_alignment() {
+    prior_.reset();
+    depth_aligned_ = false;
+  }
 
   void set_velocity(const RigidTransform& T_cam_last) { velocity_ = T_cam_last; }
   RigidTransform expected_pose(const TrackedFrame& last) const {
@@ -73,7 +85,12 @@ class Tracker {
   };
 
   bool match_last_frame(const Map& map, const TrackedFrame& last, double radius,
-                        TrackedFrame& frame);
+                        TrackedFrame& frame, const geometry::DepthCheck& depth_check);
+  /// Looks for several motions among `matches_` and keeps those matches that follow the
+  /// background's, with its pose in `frame`; all of them where no motion stands out.
+  void keep_background(const Map& map, const geometry::DepthCheck& depth_check,
+                       TrackedFrame& frame);
+  void set_prior(const TrackedFrame& last, const SurfaceAlignment& alignment);
   void predict_from_last(const Map& map, const TrackedFrame& last, double radius,
                          const RigidTransform& T_cam_world);
   void predict_from_map(const RigidTransform& T_cam_world, double radius);
@@ -81,25 +98,37 @@ class Tracker {
   bool solve_pnp(const std::vector<Eigen::Vector3d>& points, const FrameFeatures& features,
                  const std::vector<Match>& matches, RigidTransform& T_cam_world,
                  std::vector<Match>& inliers) const;
-  /// phi0 of a match: segmentation left the feature, and the last frames gave it a weight.
-  float initial_weight(float remembered) const;
+  /// phi0 of a match: what segmentation (it left the feature), geometry and the last frames say.
+  float initial_weight(float remembered, float geometric) const;
+  void reject_matches(const TrackedFrame& last, const TrackedFrame& frame);
+  void prefer_proven();
+  void remember_weights(Map& map, const TrackedFrame& frame) const;
   /// Optimizes the pose over `matches_` and writes points and rejections; returns the inliers.
   int optimize(TrackedFrame& frame, const std::vector<PointId>& ids);
 
   DepthCamera camera_;
   TrackingOptions options_;
-  bool weighted_;
+  bool weighted_, geometry_, reject_matches_;
   std::vector<float> scale_factors_;
   PoseEstimation pose_;
   LocalMap local_map_;
   RigidTransform velocity_;
-  std::optional<factors::PosePrior> prior_;
+  std::optional<factors::PosePrior> prior_;  // by aligned surfaces
+  bool depth_aligned_ = false;
   TrackerTimes times_;
   SurfaceGrid last_surface_, surface_;
   Predictions predictions_;
   std::vector<Match> found_;
   std::vector<PointMatch> matches_;
-  std::vector<std::uint8_t> taken_;
+  std::vector<std::uint8_t> taken_, keep_;
+  matching::Workspace rejection_;
+  struct {
+    std::vector<cv::Point2f> pixels;
+    std::vector<float> depths, scales, weights, ages;
+    std::vector<Eigen::Vector3d> world;
+    geometry::RobustPoseWorkspace workspace;
+    geometry::RobustPoseResult result;
+  } motions_;  // the matches as a problem of several motions
 };
 
 }  // namespace dynslam::slam

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include <gtest/gtest.h>
+#include <opencv2/core.hpp>
 
 #include "dynslam/core/errors.hpp"
 #include "dynslam/dataset/scene.hpp"
@@ -72,6 +73,59 @@ TEST(System, MasksKeepWhatMovesOutOfThePose) {
   for (const dataset::Frame& frame : frames_of("room_walking")) masked.track(input_of(frame, true));
   EXPECT_EQ(masked.trajectory().size(), kFrames);
   EXPECT_LT(ate(masked, frames_of("room_walking")), 0.02);
+}
+
+TEST(System, GeometryKeepsMoversOutOfThePoseWithoutMasks) {
+  SystemOptions options = make_system().options();
+  System plain(dataset::scene_camera(320, 240), options);
+  options.geometry = true;
+  options.weights = factors::WeightMode::kEliminated;
+  System system(dataset::scene_camera(320, 240), options);
+  int moving = 0, wrongly = 0;
+  for (const dataset::Frame& frame : frames_of("room_walking")) {
+    plain.track(input_of(frame));
+    EXPECT_TRUE(system.track(input_of(frame)).T_world_cam.has_value());
+    const cv::Mat mask = system.movers().mask;
+    ASSERT_EQ(mask.size(), frame.mask.size());
+    moving += cv::countNonZero(mask & (frame.mask != 0));
+    wrongly += cv::countNonZero(mask & (frame.mask == 0));
+  }
+  EXPECT_LT(ate(system, frames_of("room_walking")), 0.5 * ate(plain, frames_of("room_walking")));
+  EXPECT_GT(moving, 3 * wrongly);
+}
+
+TEST(System, GeometryTakesNothingInAStillRoomForMoving) {
+  SystemOptions options = make_system().options();
+  options.geometry = true;
+  System system(dataset::scene_camera(320, 240), options);
+  double share = 0.0;
+  for (const dataset::Frame& frame : frames_of("room_still")) {
+    share += static_cast<double>(system.track(input_of(frame)).moving_share) / kFrames;
+  }
+  EXPECT_LT(share, 0.02);
+  EXPECT_LT(ate(system, frames_of("room_still")), 0.015);
+}
+
+TEST(System, GeometryJudgesNothingWithoutDepth) {
+  SystemOptions options = make_system().options();
+  options.geometry = true;
+  System system(dataset::scene_camera(320, 240), options);
+  const auto& frames = frames_of("room_walking");
+  for (std::size_t i = 0; i < 12; ++i) system.track(input_of(frames[i]));
+  FrameInput blind = input_of(frames[12]);
+  blind.depth.release();
+  EXPECT_EQ(system.track(blind).moving_features, 0);
+  EXPECT_TRUE(system.track(input_of(frames[13])).T_world_cam.has_value());
+}
+
+TEST(System, RejectingMatchesLeavesAStillRoomAsAccurate) {
+  SystemOptions options = make_system().options();
+  options.reject_matches = true;
+  System system(dataset::scene_camera(320, 240), options);
+  for (const dataset::Frame& frame : frames_of("room_still")) {
+    EXPECT_EQ(system.track(input_of(frame)).state, TrackingState::kTracked);
+  }
+  EXPECT_LT(ate(system, frames_of("room_still")), 0.015);
 }
 
 TEST(System, NoFeatureAndNoMapPointLiesUnderTheMask) {

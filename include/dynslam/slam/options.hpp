@@ -63,6 +63,12 @@ struct MappingOptions {
 struct SystemOptions {
   TrackingOptions tracking;
   MappingOptions mapping;
+  /// Find what moves by comparing depth with earlier frames (P-Static section 3.2) and keep it out
+  /// of pose and map, as a mask does.
+  bool geometry = false;
+  /// Reject matches with the last frame that move unlike their surroundings and unlike the camera
+  /// (P-Mixed's histogram rejection in the form of matching::DefaultRule).
+  bool reject_matches = false;
   /// How static weights take part in the pose: fixed, parameters beside the pose (P-Static section
   /// 4), or eliminated from it.
   factors::WeightMode weights = factors::WeightMode::kFixed;

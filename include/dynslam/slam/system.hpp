@@ -6,6 +6,8 @@
 #include <optional>
 #include <vector>
 
+#include <opencv2/core/mat.hpp>
+
 #include "dynslam/core/camera.hpp"
 #include "dynslam/core/trajectory.hpp"
 #include "dynslam/slam/frame.hpp"
@@ -29,6 +31,7 @@ const char* to_string(TrackingState state);
 struct StageTimes {
   double extract = 0.0;   ///< features
   double match = 0.0;     ///< prediction, windowed matching, recovery
+  double geometry = 0.0;  ///< what moves, by depth
   double optimize = 0.0;  ///< pose
   double map = 0.0;       ///< keyframes, points, bundle adjustment
   double total = 0.0;     ///< the whole call
@@ -43,9 +46,17 @@ struct FrameResult {
   int features = 0;                           ///< found outside the mask
   int inliers = 0;                            ///< of them, agreeing with the map
   float masked_share = 0.0;                   ///< of the image, 0..1
+  int moving_features = 0;                    ///< let go because geometry says that they move
+  float moving_share = 0.0F;                  ///< of the image, by geometry, 0..1
   bool keyframe = false;                      ///< the frame became a keyframe
   bool depth_aligned = false;  ///< too few features: the pose rests on the depth image as well
   StageTimes ms;
+};
+
+/// What geometry says about the image of a frame.
+struct MoversView {
+  cv::Mat mask;    ///< CV_8UC1, 255 where something moves; empty without SystemOptions::geometry
+  cv::Mat judged;  ///< CV_8UC1, 255 where there is a verdict, 0 where nothing is known; likewise
 };
 
 /// Tracks an RGB-D camera in the map that it builds on the way.
@@ -70,6 +81,9 @@ class System {
   Trajectory trajectory() const;
   /// Poses of the keyframes.
   Trajectory keyframe_trajectory() const;
+
+  /// What moved in the last frame; shares memory with the system until the next `track`.
+  MoversView movers() const;
 
   const Map& map() const;
   const SystemOptions& options() const;

@@ -1,0 +1,133 @@
+#include "mover_detector.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <utility>
+
+#include <opencv2/imgproc.hpp>
+
+#include "dynslam/core/opencv.hpp"
+
+#include "depth_alignment.hpp"
+
+namespace dynslam::slam {
+namespace {
+
+constexpr std::size_t kReferences = 5;       // P-Static
+constexpr std::size_t kMostRemembered = 24;  // frames
+constexpr double kShortestGap = 0.05;        // seconds between remembered frames
+constexpr float kLeastTrust = 0.05F;         // in what does not move as far as is known
+constexpr int kCoarseness = 4;               // strides of the fine grid between coarse samples
+
+}  // namespace
+
+MoverDetector::MoverDetector(const DepthCamera& camera) : camera_(camera) {
+  consistency_options_.stride = kSurfaceCell;
+}
+
+void MoverDetector::clear() {
+  references_.clear();
+  memory_.clear();
+  mask_.release();
+}
+
+void MoverDetector::choose_references(const RigidTransform& T_cam_world, double timestamp) {
+  std::vector<geometry::ReferenceCandidate> candidates;
+  for (std::size_t i = 0; i < references_.size(); ++i) {
+    candidates.push_back(
+        {i, references_[i].timestamp, T_cam_world * references_[i].T_cam_world.inverse()});
+  }
+  std::array<int, kReferences> chosen{};
+  const std::size_t count =
+      geometry::choose_depth_references(camera_, timestamp, candidates, choice_options_, chosen);
+  chosen_.clear();
+  for (std::size_t i = 0; i < count; ++i) {
+    const auto index = static_cast<std::size_t>(chosen[i]);
+    chosen_.push_back({candidates[index].T_cur_ref, &references_[index].cells,
+                       timestamp - references_[index].timestamp});
+  }
+}
+
+double MoverDetector::static_share(const cv::Mat& depth, const RigidTransform& T_cam_world,
+                                   double timestamp) {
+  choose_references(T_cam_world, timestamp);
+  geometry::DepthConsistencyOptions options = consistency_options_;
+  options.stride *= kCoarseness;
+  geometry::judge_depth(as_view<const float>(depth), camera_, chosen_, options, coarse_);
+  return coarse_.static_share();
+}
+
+void MoverDetector::detect(const TrackedFrame& frame,
+                           Span<const geometry::FeatureVerdict> verdicts) {
+  const auto view = as_view<const float>(frame.depth);
+  const double timestamp = frame.timestamp;
+  const RigidTransform& T_cam_world = frame.T_cam_world;
+  choose_references(T_cam_world, timestamp);
+  geometry::judge_depth(view, camera_, chosen_, consistency_options_, evidence_);
+  memory_.update(camera_, T_cam_world.inverse(), timestamp, consistency_options_.decision,
+                 evidence_);
+  mask_.create(frame.depth.size(), CV_8UC1);
+  masked_share_ = geometry::grow_regions(
+      view, evidence_, field(frame.features->keypoints, &cv::KeyPoint::pt), verdicts, grow_options_,
+      workspace_, as_view<std::uint8_t>(mask_), as_view<const std::uint8_t>(frame.gray));
+}
+
+void MoverDetector::remember(const cv::Mat& depth, const RigidTransform& T_cam_world,
+                             double timestamp) {
+  if (!references_.empty() && timestamp - references_.back().timestamp < kShortestGap) return;
+  Reference reference{timestamp, T_cam_world, {}};
+  geometry::build_depth_cells(as_view<const float>(depth), camera_,
+                              as_view<const std::uint8_t>(mask_), cells_options_, reference.cells);
+  references_.push_back(std::move(reference));
+  if (references_.size() > kMostRemembered) thin_out();
+}
+
+// Drops the frame whose neighbours in time stand in for it best: the older, the sparser.
+void MoverDetector::thin_out() {
+  const double now = references_.back().timestamp + kShortestGap;
+  std::size_t least = 1;
+  double least_gap = std::numeric_limits<double>::infinity();
+  for (std::size_t i = 1; i + 1 < references_.size(); ++i) {
+    const double gap =
+        std::log((now - references_[i - 1].timestamp) / (now - references_[i + 1].timestamp));
+    if (gap < least_gap) {
+      least_gap = gap;
+      least = i;
+    }
+  }
+  references_.erase(references_.begin() + static_cast<std::ptrdiff_t>(least));
+}
+
+cv::Mat MoverDetector::trust() const {
+  cv::Mat trust(evidence_.height, evidence_.width, CV_32FC1);
+  for (int y = 0; y < trust.rows; ++y) {
+    const std::uint8_t* mask = mask_.ptr(y * evidence_.stride + evidence_.stride / 2);
+    const float* odds = &evidence_.log_odds[static_cast<std::size_t>(y * evidence_.width)];
+    for (int x = 0; x < trust.cols; ++x) {
+      const bool moves = mask[x * evidence_.stride + evidence_.stride / 2] != 0;
+      trust.at<float>(y, x) = moves ? 0.0F : std::max(kLeastTrust, std::tanh(-0.5F * odds[x]));
+    }
+  }
+  return trust;
+}
+
+cv::Mat MoverDetector::judged() const {
+  if (mask_.empty()) return {};
+  cv::Mat cells(evidence_.height, evidence_.width, CV_8UC1), judged;
+  std::transform(evidence_.verdict.begin(), evidence_.verdict.end(), cells.begin<std::uint8_t>(),
+                 [](geometry::Verdict v) { return v == geometry::Verdict::kUnknown ? 0 : 255; });
+  cv::resize(cells, judged, mask_.size(), 0, 0, cv::INTER_NEAREST);
+  return judged;
+}
+
+float MoverDetector::staticness(cv::Point2f pixel) const {
+  if (mask_.empty() || evidence_.width == 0) return 0.5F;
+  const int x = std::clamp(static_cast<int>(pixel.x) / evidence_.stride, 0, evidence_.width - 1);
+  const int y = std::clamp(static_cast<int>(pixel.y) / evidence_.stride, 0, evidence_.height - 1);
+  const float odds = evidence_.log_odds[static_cast<std::size_t>(y * evidence_.width + x)];
+  return 1.0F / (1.0F + std::exp(odds));
+}
+
+}  // namespace dynslam::slam
