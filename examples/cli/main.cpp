@@ -18,6 +18,7 @@ int main(int argc, char** argv) {
   dynslam::cli::add_eval_command(app, run);
   dynslam::cli::add_segment_command(app, run);
   dynslam::cli::add_match_command(app, run);
+  dynslam::cli::add_movers_command(app, run);
   dynslam::cli::add_scene_command(app, run);
   try {
     app.parse(argc, argv);

@@ -33,6 +33,25 @@ segmentation::FrameInfo info_of(const dataset::Frame& frame) {
 
 }  // namespace
 
+void add_segmenter_flags(CLI::App& command, RunFlags& flags) {
+  command
+      .add_option("--segmenter", flags.segmenter, "none, yolo-seg:MODEL.onnx or recorded:FOLDER")
+      ->capture_default_str();
+  command.add_option("--backend", flags.backend, "what runs the network")
+      ->check(CLI::IsMember({"opencv", "onnxruntime"}))
+      ->capture_default_str();
+  command.add_option("--classes", flags.classes, "classes that may move")->delimiter(',');
+  command.add_option("--min-score", flags.min_score, "instances below are ignored")
+      ->check(CLI::Range(0.0, 1.0))
+      ->capture_default_str();
+  command.add_option("--dilation", flags.dilation_px, "pixels by which masks grow")
+      ->check(CLI::Range(0, 100))
+      ->capture_default_str();
+  command.add_option("--segment-every", flags.segment_every, "a mask serves N frames")
+      ->check(CLI::Range(1, 1000))
+      ->capture_default_str();
+}
+
 MaskSource::MaskSource(const RunFlags& flags)
     : every_(flags.segment_every), policy_(policy_options(flags)) {
   if (flags.segmenter == "none" || flags.system == "baseline") return;

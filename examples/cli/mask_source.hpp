@@ -3,6 +3,7 @@
 
 #include <memory>
 
+#include <CLI/CLI.hpp>
 #include <opencv2/core/mat.hpp>
 
 #include "dynslam/dataset/sequence.hpp"
@@ -13,6 +14,9 @@
 #include "run_session.hpp"
 
 namespace dynslam::cli {
+
+/// --segmenter, --backend and what becomes of the masks.
+void add_segmenter_flags(CLI::App& command, RunFlags& flags);
 
 class MaskSource {
  public:

@@ -11,6 +11,7 @@
 #include "dynslam/evaluation/metrics.hpp"
 
 #include "commands.hpp"
+#include "mask_source.hpp"
 #include "run_output.hpp"
 #include "run_session.hpp"
 #include "sequences.hpp"
@@ -135,29 +136,13 @@ CLI::App* add_run_command(CLI::App& app, std::function<int()>& work) {
   command->add_option("--system", run_flags.system, "what handles movers")
       ->check(CLI::IsMember({"baseline", "p-yolo", "p-static", "p-mixed"}))
       ->capture_default_str();
-  command
-      ->add_option("--segmenter", run_flags.segmenter,
-                   "none, yolo-seg:MODEL.onnx or recorded:FOLDER")
-      ->capture_default_str();
-  command->add_option("--backend", run_flags.backend, "what runs the network")
-      ->check(CLI::IsMember({"opencv", "onnxruntime"}))
-      ->capture_default_str();
+  add_segmenter_flags(*command, run_flags);
   command->add_option("--solver", run_flags.solver, "what becomes of static weights in the pose")
       ->check(CLI::IsMember({"fixed", "joint", "eliminated"}))
       ->capture_default_str();
   command->add_option("--without", run_flags.without, "parts of the system to switch off")
       ->delimiter(',')
-      ->check(CLI::IsMember({"weights"}));
-  command->add_option("--classes", run_flags.classes, "classes that may move")->delimiter(',');
-  command->add_option("--min-score", run_flags.min_score, "instances below are ignored")
-      ->check(CLI::Range(0.0, 1.0))
-      ->capture_default_str();
-  command->add_option("--dilation", run_flags.dilation_px, "pixels by which masks grow")
-      ->check(CLI::Range(0, 100))
-      ->capture_default_str();
-  command->add_option("--segment-every", run_flags.segment_every, "a mask serves N frames")
-      ->check(CLI::Range(1, 1000))
-      ->capture_default_str();
+      ->check(CLI::IsMember({"geometry", "rejection", "weights"}));
   command->add_option("--features", run_flags.features, "ORB features a frame")
       ->check(CLI::Range(100, 20000))
       ->capture_default_str();

@@ -42,6 +42,7 @@ constexpr Stage kStages[] = {
     {"extract", [](const FrameRow& row) { return row.ms.extract; }},
     {"match", [](const FrameRow& row) { return row.ms.match; }},
     {"segment", [](const FrameRow& row) { return row.segment_ms; }},
+    {"geometry", [](const FrameRow& row) { return row.ms.geometry; }},
     {"optimize", [](const FrameRow& row) { return row.ms.optimize; }},
     {"map", [](const FrameRow& row) { return row.ms.map; }},
 };
@@ -81,14 +82,16 @@ double peak_memory_mb() {
 void write_frames(const fs::path& path, const RunOutcome& outcome) {
   std::ostringstream out;
   out.imbue(std::locale::classic());
-  out << "frame,timestamp,state,features,inliers,masked_share,mask_age,keyframe,extract_ms,"
-         "match_ms,segment_ms,optimize_ms,map_ms,total_ms\n";
+  out << "frame,timestamp,state,features,inliers,masked_share,mask_age,moving_features,moving_"
+         "share,"
+         "keyframe,extract_ms,match_ms,segment_ms,geometry_ms,optimize_ms,map_ms,total_ms\n";
   for (const FrameRow& row : outcome.rows) {
     out << row.index << ',' << format("%.6f", row.timestamp) << ',' << row.state << ','
         << row.features << ',' << row.inliers << ',' << format("%.4f", row.masked_share) << ','
-        << row.mask_age << ',' << (row.keyframe ? 1 : 0);
-    for (const double ms : {row.ms.extract, row.ms.match, row.segment_ms, row.ms.optimize,
-                            row.ms.map, row.total_ms}) {
+        << row.mask_age << ',' << row.moving_features << ',' << format("%.4f", row.moving_share)
+        << ',' << (row.keyframe ? 1 : 0);
+    for (const double ms : {row.ms.extract, row.ms.match, row.segment_ms, row.ms.geometry,
+                            row.ms.optimize, row.ms.map, row.total_ms}) {
       out << ',' << format("%.3f", ms);
     }
     out << '\n';
@@ -184,7 +187,7 @@ evaluation::RunRecord to_record(const std::string& name, const RunOutcome& outco
   record.estimate = outcome.trajectory;
   record.stages.resize(std::size(kStages));
   for (std::size_t i = 0; i < std::size(kStages); ++i) record.stages[i].name = kStages[i].name;
-  record.series = {{"inliers", {}}, {"features", {}}, {"masked %", {}}};
+  record.series = {{"inliers", {}}, {"features", {}}, {"masked %", {}}, {"moving %", {}}};
   for (const FrameRow& row : outcome.rows) {
     record.frame_times.push_back(row.timestamp);
     record.states.push_back(to_state(row.state));
@@ -195,6 +198,7 @@ evaluation::RunRecord to_record(const std::string& name, const RunOutcome& outco
     record.series[0].values.push_back(row.inliers);
     record.series[1].values.push_back(row.features);
     record.series[2].values.push_back(100.0 * row.masked_share);
+    record.series[3].values.push_back(100.0 * row.moving_share);
   }
   const slam::Map& map = outcome.system->map();
   record.facts = {{"keyframes", std::to_string(map.keyframe_count())},

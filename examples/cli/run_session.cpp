@@ -30,15 +30,6 @@ factors::WeightMode weight_mode(const std::string& solver) {
   return factors::WeightMode::kEliminated;
 }
 
-slam::SystemOptions system_options(const RunFlags& flags) {
-  slam::SystemOptions options;
-  options.tracking.orb.max_features = flags.features;
-  if (flags.system == "p-static") {
-    if (!flags.lacks("weights")) options.weights = weight_mode(flags.solver);
-  }
-  return options;
-}
-
 FrameRow process(const dataset::Frame& frame, MaskSource& masks, slam::System& system) {
   const Clock::time_point start = Clock::now();
   FrameRow row;
@@ -56,6 +47,8 @@ FrameRow process(const dataset::Frame& frame, MaskSource& masks, slam::System& s
   row.inliers = result.inliers;
   row.masked_share = result.masked_share;
   row.keyframe = result.keyframe;
+  row.moving_features = result.moving_features;
+  row.moving_share = result.moving_share;
   row.ms = result.ms;
   row.total_ms = milliseconds_since(start);
   return row;
@@ -92,17 +85,31 @@ void prepare(const dataset::Sequence& sequence, MaskSource& masks) {
 
 }  // namespace
 
+void require_depth(const char* command, const dataset::Sequence& sequence) {
+  if (sequence.sensor() == dataset::SensorKind::kRgbd) return;
+  throw_invalid_argument(command, "sequence",
+                         sequence.name() + ", " + dataset::to_string(sequence.sensor()),
+                         "a sequence with depth images");
+}
+
+slam::SystemOptions system_options(const RunFlags& flags) {
+  slam::SystemOptions options;
+  options.tracking.orb.max_features = flags.features;
+  if (flags.system == "p-mixed") options.reject_matches = !flags.lacks("rejection");
+  if (flags.system == "p-static") {
+    options.geometry = !flags.lacks("geometry");
+    if (!flags.lacks("weights")) options.weights = weight_mode(flags.solver);
+  }
+  return options;
+}
+
 std::size_t RunOutcome::count(const std::string& state) const {
   return static_cast<std::size_t>(std::count_if(
       rows.begin(), rows.end(), [&](const FrameRow& row) { return row.state == state; }));
 }
 
 RunOutcome run_system(const dataset::Sequence& sequence, const RunFlags& flags) {
-  if (sequence.sensor() != dataset::SensorKind::kRgbd) {
-    throw_invalid_argument("dynslam run", "sequence",
-                           sequence.name() + ", " + dataset::to_string(sequence.sensor()),
-                           "a sequence with depth images");
-  }
+  require_depth("dynslam run", sequence);
   if (flags.threads > 0) cv::setNumThreads(flags.threads);
   RunOutcome outcome;
   outcome.system = std::make_unique<slam::System>(sequence.camera(), system_options(flags));

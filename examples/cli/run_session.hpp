@@ -27,7 +27,7 @@ struct RunFlags {
   int features = 1000;
   int threads = 0;                    ///< of OpenCV; 0: its own choice
   std::string solver = "eliminated";  ///< of the weights: fixed, joint or eliminated
-  std::vector<std::string> without;   ///< parts switched off: weights
+  std::vector<std::string> without;   ///< parts switched off: geometry, rejection, weights
   bool realtime = false;
   bool beside = false;  ///< segment on a thread of its own although frames wait
   bool sequential = false;
@@ -47,6 +47,8 @@ struct FrameRow {
   std::string state;  ///< TrackingState's name, "unreadable" or "dropped"
   int features = 0;
   int inliers = 0;
+  int moving_features = 0;    ///< let go by geometry
+  double moving_share = 0.0;  ///< of the image, by geometry
   double masked_share = 0.0;
   int mask_age = 0;  ///< frames since the image that the mask was made from; -1: no mask
   bool keyframe = false;
@@ -66,6 +68,12 @@ struct RunOutcome {
   std::size_t count(const std::string& state) const;
   std::size_t tracked() const { return count("tracked") + count("relocalized"); }
 };
+
+/// Throws InvalidArgument in the name of `command` for a sequence without depth images.
+void require_depth(const char* command, const dataset::Sequence& sequence);
+
+/// Settings of the system that the flags name.
+slam::SystemOptions system_options(const RunFlags& flags);
 
 /// Runs the system that the flags name. Throws InvalidArgument for a sequence without depth and for
 /// unknown names; IoError if not a single frame could be read.

@@ -87,6 +87,12 @@ rm untold/groundtruth.txt
 grep -q '"ate"' summary.json && complain "an error without truth"
 expect_file out-untold/report.html
 
+# Movers are scored against the scene's own masks.
+"$dynslam" movers --scene room_walking --frames 0:20 --json >movers.json || complain "movers"
+grep -q '"false_positive_rate"' movers.json || complain "movers reports no rates"
+"$dynslam" run --tum scene --system p-static --without geometry,weights --out out-without --json \
+  >summary.json || complain "run without geometry"
+
 # --- bad input ---------------------------------------------------------------------------------
 mkdir empty
 expect_failure 2 'system' run --tum scene --system nonsense --out x
