@@ -1,12 +1,12 @@
 // Bundle adjustment by Ceres over the factors of factors/ceres.hpp.
 #include <algorithm>
 #include <cmath>
+#include <deque>
 #include <limits>
 #include <memory>
-#include <type_traits>
+#include <tuple>
 #include <vector>
 
-#include <ceres/evaluation_callback.h>
 #include <ceres/iteration_callback.h>
 #include <ceres/ordered_groups.h>
 #include <ceres/solver.h>
@@ -15,6 +15,7 @@
 #include "dynslam/factors/ceres.hpp"
 #include "dynslam/factors/static_weight.hpp"
 
+#include "factors/ceres_keyframe_cost.hpp"
 #include "factors/ceres_routes.hpp"
 
 namespace dynslam::factors {
@@ -40,81 +41,6 @@ class AbortCallback final : public ceres::IterationCallback {
   const std::atomic<bool>* flag_;
 };
 
-// Keyframes as Ceres sees them here: a plain block of 6, the motion xi since the start,
-// T = exp(xi) T_start. The exponential and its derivative are computed once an evaluation, not once
-// an observation, and there is no manifold to multiply by.
-class Keyframes final : public ceres::EvaluationCallback {
- public:
-  struct State {
-    Vector6d xi = Vector6d::Zero();
-    RigidTransform start, T;
-    Matrix6d by_xi = Matrix6d::Identity();  // left perturbation of T by a change of xi
-  };
-
-  explicit Keyframes(Span<RigidTransform> poses) {
-    for (const RigidTransform& T : poses) {
-      states.emplace_back();
-      states.back().start = states.back().T = T;
-    }
-  }
-  void PrepareForEvaluation(bool jacobians, bool new_point) override {
-    if (!new_point && !jacobians) return;
-    for (State& state : states) {
-      if (new_point) state.T = se3_exp(state.xi) * state.start;
-      if (jacobians) state.by_xi = left_jacobian<6>(se3_bracket(state.xi));
-    }
-  }
-
-  std::vector<State> states;
-};
-
-// The factor of factors/ceres.hpp over this pose, with or without a weight block.
-template <int Rows, bool kWeight>
-using CostBase = std::conditional_t<kWeight, ceres::SizedCostFunction<Rows, 6, 3, 1>,
-                                    ceres::SizedCostFunction<Rows, 6, 3>>;
-
-template <int Rows, bool kWeight>
-class KeyframeCost final : public CostBase<Rows, kWeight> {
- public:
-  using Measured = Eigen::Matrix<double, Rows, 1>;
-  KeyframeCost(const DepthCamera& camera, const Keyframes::State& keyframe,
-               const Measured& measured, double inverse_sigma)
-      : camera_(camera), keyframe_(keyframe), measured_(measured), inverse_sigma_(inverse_sigma) {}
-
-  bool Evaluate(double const* const* x, double* residuals, double** J) const override {
-    const Eigen::Vector3d X = Eigen::Map<const Eigen::Vector3d>(x[1]);
-    double phi = 1.0;
-    if constexpr (kWeight) phi = *x[2];
-    Measured e, whitened;
-    Eigen::Matrix<double, Rows, 6> by_pose;
-    Eigen::Matrix<double, Rows, 3> by_point;
-    ReprojectionJacobians<Rows> wanted;
-    if (J) wanted = {&by_pose, &by_point, &whitened, nullptr};
-    const Eigen::Matrix<double, Rows, Rows> L =
-        Eigen::Matrix<double, Rows, Rows>::Identity() * inverse_sigma_;
-    if (!weighted_reprojection<Rows>(camera_, keyframe_.T, X, measured_, L, phi, e, wanted)) {
-      whitened.setConstant(detail::kBehindResidual / std::sqrt(double{Rows}));
-      e = phi * whitened;
-      by_pose.setZero();
-      by_point.setZero();
-    }
-    detail::map<Rows, 1>(residuals) = e;
-    if (!J) return true;
-    if (J[0]) detail::map<Rows, 6>(J[0]).noalias() = by_pose * keyframe_.by_xi;
-    if (J[1]) detail::map<Rows, 3>(J[1]) = by_point;
-    if constexpr (kWeight) {
-      if (J[2]) detail::map<Rows, 1>(J[2]) = whitened;
-    }
-    return true;
-  }
-
- private:
-  const DepthCamera& camera_;
-  const Keyframes::State& keyframe_;
-  Measured measured_;
-  double inverse_sigma_;
-};
-
 class Route {
  public:
   Route(const BundleProblem& problem, const BundleOptions& options)
@@ -133,7 +59,8 @@ class Route {
   void select();
   template <int Rows>
   void add(std::size_t i, ceres::Problem* problem);
-  void build(ceres::Problem* problem);
+  ceres::LossFunction* loss_of(float weight);
+  void build(ceres::Problem* problem, ceres::ParameterBlockOrdering* ordering);
   bool project(const BundleObservation& o, double* s) const;
   double cost() const;
   void write_back(BundleSummary* summary);
@@ -141,10 +68,17 @@ class Route {
   const BundleProblem& in_;
   const BundleOptions& options_;
   std::vector<RigidTransform> poses_;
-  Keyframes keyframes_;
+  CeresKeyframes keyframes_;
   std::vector<Eigen::Vector3d> points_;
   std::vector<std::size_t> chosen_;
   std::vector<double> phi_;  // by observation
+  // Kept here and lent to Ceres, which would keep a tree of everything that it owns.
+  std::tuple<std::deque<KeyframeCost<2, false>>, std::deque<KeyframeCost<3, false>>,
+             std::deque<KeyframeCost<2, true>>, std::deque<KeyframeCost<3, true>>>
+      costs_;
+  std::deque<WeightPriorCost> priors_;
+  std::deque<RobustLossFunction> losses_;
+  float last_weight_ = 0.0F;
   bool anything_free_ = false;
 };
 
@@ -205,41 +139,61 @@ void Route::add(std::size_t i, ceres::Problem* problem) {
   measured[0] = o.u;
   measured[1] = o.v;
   if constexpr (Rows == 3) measured[2] = o.right_column;
-  const Keyframes::State& keyframe = keyframes_.states[o.keyframe];
-  double* pose = keyframes_.states[o.keyframe].xi.data();
+  CeresKeyframes::State& keyframe = keyframes_.states[o.keyframe];
+  double* pose = keyframe.xi.data();
   double* point = parameter_block(points_[o.point]);
   if (options_.weights == WeightMode::kJoint) {
-    problem->AddResidualBlock(
-        new KeyframeCost<Rows, true>(in_.camera, keyframe, measured, o.inverse_sigma), nullptr,
-        pose, point, &phi_[i]);
-    problem->AddResidualBlock(new WeightPriorCost(o.weight, options_.lambda), nullptr, &phi_[i]);
+    auto& costs = std::get<std::deque<KeyframeCost<Rows, true>>>(costs_);
+    costs.emplace_back(in_.camera, keyframe, measured, o.inverse_sigma);
+    problem->AddResidualBlock(&costs.back(), nullptr, pose, point, &phi_[i]);
+    priors_.emplace_back(o.weight, options_.lambda);
+    problem->AddResidualBlock(&priors_.back(), nullptr, &phi_[i]);
     add_weight_block(*problem, phi_[i]);
     return;
   }
-  const double trust = double{o.weight} * o.weight;
-  ceres::LossFunction* loss = nullptr;
-  if (options_.weights == WeightMode::kEliminated) {
-    loss = new EliminatedWeightLoss(o.weight, options_.lambda);
-  } else if (options_.loss.kind != LossKind::kNone || trust != 1.0) {
-    loss = new RobustLossFunction(options_.loss, trust);
-  }
-  problem->AddResidualBlock(
-      new KeyframeCost<Rows, false>(in_.camera, keyframe, measured, o.inverse_sigma), loss, pose,
-      point);
+  auto& costs = std::get<std::deque<KeyframeCost<Rows, false>>>(costs_);
+  costs.emplace_back(in_.camera, keyframe, measured, o.inverse_sigma);
+  problem->AddResidualBlock(&costs.back(), loss_of(o.weight), pose, point);
 }
 
-void Route::build(ceres::Problem* problem) {
+// One loss for a run of equal weights; null where the loss is the square itself.
+ceres::LossFunction* Route::loss_of(float weight) {
+  const bool eliminated = options_.weights == WeightMode::kEliminated;
+  if (!eliminated && options_.loss.kind == LossKind::kNone && weight == 1.0F) return nullptr;
+  if (losses_.empty() || weight != last_weight_) {
+    RobustLoss loss = options_.loss;
+    if (eliminated) loss = {LossKind::kGemanMcClure, std::sqrt(options_.lambda), 0.0};
+    losses_.emplace_back(loss, double{weight} * weight);
+    last_weight_ = weight;
+  }
+  return &losses_.back();
+}
+
+// Points are eliminated first; each block is named once.
+void Route::build(ceres::Problem* problem, ceres::ParameterBlockOrdering* ordering) {
   for (const std::size_t i : chosen_) {
-    const BundleObservation& o = in_.observations[i];
-    if (has_depth(o)) {
+    if (has_depth(in_.observations[i])) {
       add<3>(i, problem);
     } else {
       add<2>(i, problem);
     }
-    if (held(in_.point_fixed, o.point))
-      problem->SetParameterBlockConstant(parameter_block(points_[o.point]));
-    if (held(in_.keyframe_fixed, o.keyframe))
-      problem->SetParameterBlockConstant(keyframes_.states[o.keyframe].xi.data());
+    if (options_.weights == WeightMode::kJoint) ordering->AddElementToGroup(&phi_[i], 1);
+  }
+  std::vector<std::uint8_t> point_seen(points_.size(), 0), keyframe_seen(poses_.size(), 0);
+  for (const std::size_t i : chosen_) {
+    point_seen[in_.observations[i].point] = 1;
+    keyframe_seen[in_.observations[i].keyframe] = 1;
+  }
+  for (std::size_t p = 0; p < points_.size(); ++p) {
+    if (!point_seen[p]) continue;
+    ordering->AddElementToGroup(parameter_block(points_[p]), 0);
+    if (held(in_.point_fixed, p)) problem->SetParameterBlockConstant(parameter_block(points_[p]));
+  }
+  for (std::size_t k = 0; k < poses_.size(); ++k) {
+    if (!keyframe_seen[k]) continue;
+    double* block = keyframes_.states[k].xi.data();
+    ordering->AddElementToGroup(block, 1);
+    if (held(in_.keyframe_fixed, k)) problem->SetParameterBlockConstant(block);
   }
 }
 
@@ -270,8 +224,12 @@ BundleSummary Route::run() {
   summary.initial_cost = cost();
   ceres::Problem::Options problem_options;
   problem_options.evaluation_callback = &keyframes_;
+  problem_options.cost_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
+  problem_options.loss_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
+  problem_options.disable_all_safety_checks = true;  // the contract is checked already
   ceres::Problem problem(problem_options);
-  build(&problem);
+  auto ordering = std::make_shared<ceres::ParameterBlockOrdering>();
+  build(&problem, ordering.get());
   AbortCallback callback(options_.abort);
   ceres::Solver::Options solver;
   int free_keyframes = 0;
@@ -283,14 +241,8 @@ BundleSummary Route::run() {
   solver.sparse_linear_algebra_library_type = ceres::EIGEN_SPARSE;
   if (ceres::IsSparseLinearAlgebraLibraryTypeAvailable(ceres::SUITE_SPARSE))
     solver.sparse_linear_algebra_library_type = ceres::SUITE_SPARSE;
-  solver.linear_solver_ordering = std::make_shared<ceres::ParameterBlockOrdering>();
-  for (const std::size_t i : chosen_) {
-    const BundleObservation& o = in_.observations[i];
-    solver.linear_solver_ordering->AddElementToGroup(parameter_block(points_[o.point]), 0);
-    solver.linear_solver_ordering->AddElementToGroup(keyframes_.states[o.keyframe].xi.data(), 1);
-    if (options_.weights == WeightMode::kJoint)
-      solver.linear_solver_ordering->AddElementToGroup(&phi_[i], 1);
-  }
+  solver.linear_solver_ordering = ordering;
+  solver.jacobi_scaling = false;  // the damping is scaled by the diagonal as it is
   solver.max_num_iterations = options_.max_iterations;
   solver.function_tolerance = options_.cost_tolerance;
   solver.gradient_tolerance = 0.0;
@@ -302,7 +254,7 @@ BundleSummary Route::run() {
   ceres::Solve(solver, &problem, &result);
   for (std::size_t k = 0; k < poses_.size(); ++k) {
     if (held(in_.keyframe_fixed, k)) continue;
-    poses_[k] = (se3_exp(keyframes_.states[k].xi) * keyframes_.states[k].start).normalized();
+    poses_[k] = CeresKeyframes::pose_of(keyframes_.states[k]);
   }
   summary.linear_solver = name_of(result);
   summary.iterations = static_cast<int>(result.iterations.size()) - 1;

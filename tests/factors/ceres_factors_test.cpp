@@ -10,6 +10,7 @@
 #include "dynslam/factors/pose_optimizer.hpp"
 #include "dynslam/factors/static_weight.hpp"
 
+#include "factors/ceres_keyframe_cost.hpp"
 #include "factors/synthetic.hpp"
 
 namespace dynslam::factors {
@@ -61,6 +62,80 @@ void check_reprojection() {
 TEST(CeresFactors, ReprojectionDerivativesPassTheCheckerOfCeres) {
   check_reprojection<2>();
   check_reprojection<3>();
+}
+
+// The lean factor of the bundle adjustment is weighted_reprojection(), value and derivatives,
+// wherever its chart has been moved to.
+template <int Rows>
+void check_keyframe_cost() {
+  std::mt19937 rng(8);
+  const DepthCamera camera = synthetic::kinect();
+  for (int i = 0; i < 20; ++i) {
+    const RigidTransform start = se3_exp(random_twist(rng, 1.0, 1.0));
+    CeresKeyframes keyframes(Span<const RigidTransform>(&start, 1));
+    CeresKeyframes::State& state = keyframes.states[0];
+    state.xi = random_twist(rng, 0.2, 0.2);
+    keyframes.PrepareForEvaluation(false, true);
+    const RigidTransform T = se3_exp(state.xi) * start;
+    EXPECT_LT((state.T.matrix() - T.matrix()).norm(), 1e-12);
+    keyframes.PrepareForEvaluation(true, false);
+    EXPECT_LT((CeresKeyframes::pose_of(state).matrix() - T.matrix()).norm(), 1e-12);
+    const Eigen::Vector3d in_camera = random_direction(rng) + Eigen::Vector3d(0, 0, 2.5);
+    const Eigen::Vector3d X = T.inverse() * in_camera;
+    const Eigen::Matrix<double, Rows, 1> m =
+        camera.project3(in_camera).template head<Rows>() + 3.0 * random_direction(rng).head<Rows>();
+    double phi = 0.6;
+    const double inverse_sigma = 0.7;
+    Eigen::Matrix<double, Rows, 1> expected, whitened, residual, by_phi;
+    Eigen::Matrix<double, Rows, 6> expected_pose;
+    Eigen::Matrix<double, Rows, 3> expected_point;
+    ASSERT_TRUE(weighted_reprojection<Rows>(
+        camera, T, X, m, Eigen::Matrix<double, Rows, Rows>::Identity() * inverse_sigma, phi,
+        expected, {&expected_pose, &expected_point, &whitened, nullptr}));
+    Eigen::Matrix<double, Rows, 6, Eigen::RowMajor> by_pose;
+    Eigen::Matrix<double, Rows, 3, Eigen::RowMajor> by_point;
+    const double* blocks[] = {state.xi.data(), X.data(), &phi};
+    double* J[] = {by_pose.data(), by_point.data(), by_phi.data()};
+    const KeyframeCost<Rows, true> cost(camera, state, m, inverse_sigma);
+    ASSERT_TRUE(cost.Evaluate(blocks, residual.data(), J));
+    EXPECT_LT((residual - expected).norm(), 1e-10);
+    EXPECT_LT((by_pose - expected_pose).norm(), 1e-9);
+    EXPECT_LT((by_point - expected_point).norm(), 1e-9);
+    EXPECT_LT((by_phi - whitened).norm(), 1e-10);
+    // Numeric: the chart stays where it is while the block moves.
+    for (int c = 0; c < 6; ++c) {
+      Eigen::Matrix<double, Rows, 1> ahead, behind;
+      for (const double step : {1e-6, -1e-6}) {
+        const Vector6d before = state.xi;
+        state.xi[c] += step;
+        keyframes.PrepareForEvaluation(false, true);
+        cost.Evaluate(blocks, (step > 0.0 ? ahead : behind).data(), nullptr);
+        state.xi = before;
+      }
+      EXPECT_LT((by_pose.col(c) - (ahead - behind) / 2e-6).norm(), 1e-4 * (1.0 + by_pose.norm()));
+    }
+  }
+}
+
+TEST(CeresKeyframeCost, IsTheWeightedReprojectionWithItsDerivatives) {
+  check_keyframe_cost<2>();
+  check_keyframe_cost<3>();
+}
+
+TEST(CeresKeyframeCost, BehindTheCameraPullsAtNothing) {
+  const RigidTransform T;
+  CeresKeyframes keyframes(Span<const RigidTransform>(&T, 1));
+  const KeyframeCost<3, true> cost(synthetic::kinect(), keyframes.states[0], {1, 2, 3}, 1.0);
+  Eigen::Vector3d X(0, 0, -1), residual, by_phi;
+  double phi = 0.5;
+  const double* blocks[] = {keyframes.states[0].xi.data(), X.data(), &phi};
+  Eigen::Matrix<double, 3, 6, Eigen::RowMajor> by_pose;
+  Eigen::Matrix3d by_point;
+  double* J[] = {by_pose.data(), by_point.data(), by_phi.data()};
+  ASSERT_TRUE(cost.Evaluate(blocks, residual.data(), J));
+  EXPECT_NEAR(residual.squaredNorm(), 0.25e6, 1e-3);
+  EXPECT_EQ(by_pose.norm() + by_point.norm(), 0.0);
+  EXPECT_NEAR(by_phi.squaredNorm(), 1e6, 1e-3);
 }
 
 TEST(CeresFactors, PriorAndRelativeDerivativesPassTheCheckerOfCeres) {
