@@ -61,8 +61,8 @@ template <int Rows, bool kWeight>
 using KeyframeCostBase = std::conditional_t<kWeight, ceres::SizedCostFunction<Rows, 6, 3, 1>,
                                             ceres::SizedCostFunction<Rows, 6, 3>>;
 
-// phi S^-1/2 (p - pi(T X)) with S^-1/2 = inverse_sigma; blocks: keyframe 6, point 3, and phi 1 where
-// kWeight, else phi = 1. The derivatives of weighted_reprojection(), with its zeros left out.
+// phi S^-1/2 (p - pi(T X)) with S^-1/2 = inverse_sigma; blocks: keyframe 6, point 3, and phi 1
+// where kWeight, else phi = 1. The derivatives of weighted_reprojection(), with its zeros left out.
 template <int Rows, bool kWeight>
 class KeyframeCost final : public KeyframeCostBase<Rows, kWeight> {
  public:

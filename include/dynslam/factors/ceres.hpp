@@ -1,8 +1,11 @@
 // The factors as Ceres cost functions and losses. Works with Ceres 2.0 to 2.2.
 //
 // Parameter blocks are the host's own objects (ceres_manifolds.hpp): a RigidTransform is a block of
-// 12 doubles, a Similarity one of 13, a point 3, a static weight 1. Jacobians are true derivatives
-// by these doubles, so ceres::GradientChecker agrees with them.
+// 12 doubles, a Similarity one of 13, a point 3, a static weight 1, intrinsics 4 or 5. Jacobians
+// are true derivatives by these doubles, so ceres::GradientChecker agrees with them.
+//
+// Here: weights, losses, priors and relative poses; the reprojection costs, with lens and
+// intrinsics, come from ceres_reprojection.hpp.
 #pragma once
 
 #include <cmath>
@@ -12,30 +15,14 @@
 #include <ceres/problem.h>
 #include <ceres/sized_cost_function.h>
 
-#include "dynslam/core/camera.hpp"
 #include "dynslam/core/rigid_transform.hpp"
 #include "dynslam/factors/ceres_manifolds.hpp"
+#include "dynslam/factors/ceres_reprojection.hpp"
 #include "dynslam/factors/lie_jacobians.hpp"
 #include "dynslam/factors/robust_loss.hpp"
 #include "dynslam/factors/similarity.hpp"
-#include "dynslam/factors/weighted_reprojection.hpp"
 
 namespace dynslam::factors {
-
-namespace detail {
-
-// Derivative of r(R X + t) by the 12 doubles of (R, t), from P = dr / d(R X + t).
-template <int Rows, typename P>
-void fill_pose_block(const P& by_point_in_camera, const Eigen::Vector3d& X, double* jacobian) {
-  auto J = map<Rows, kPoseBlock>(jacobian);
-  for (int c = 0; c < 3; ++c) J.template middleCols<3>(3 * c) = X[c] * by_point_in_camera;
-  J.template rightCols<3>() = by_point_in_camera;
-}
-
-// What a point behind the camera counts: constant, so that it pulls at nothing.
-inline constexpr double kBehindResidual = 1000.0;
-
-}  // namespace detail
 
 /// Adds a static weight with its bounds [0, 1].
 inline void add_weight_block(ceres::Problem& problem, double& phi) {
@@ -43,75 +30,6 @@ inline void add_weight_block(ceres::Problem& problem, double& phi) {
   problem.SetParameterLowerBound(&phi, 0, 0.0);
   problem.SetParameterUpperBound(&phi, 0, 1.0);
 }
-
-namespace detail {
-
-// Residual and Jacobians for blocks (pose, point, weight?); shared by the two cost functions.
-template <int Rows>
-struct ReprojectionData {
-  DepthCamera camera;
-  Eigen::Matrix<double, Rows, 1> measured;
-  Eigen::Matrix<double, Rows, Rows> sqrt_information;
-
-  bool evaluate(const double* pose, const double* point, double phi, double* residuals,
-                double* by_pose, double* by_point, double* by_weight) const {
-    const RigidTransform T = pose_from_block(pose);
-    const Eigen::Vector3d X = Eigen::Map<const Eigen::Vector3d>(point);
-    Eigen::Matrix<double, Rows, 1> e, whitened;
-    Eigen::Matrix<double, Rows, 3> J_point;
-    ReprojectionJacobians<Rows> wanted;
-    if (by_pose || by_point) wanted.point = &J_point;
-    if (by_weight) wanted.weight = &whitened;
-    if (!weighted_reprojection<Rows>(camera, T, X, measured, sqrt_information, phi, e, wanted)) {
-      e.setConstant(phi * kBehindResidual / std::sqrt(double{Rows}));
-      J_point.setZero();
-      whitened.setConstant(kBehindResidual / std::sqrt(double{Rows}));
-    }
-    map<Rows, 1>(residuals) = e;
-    if (by_point) map<Rows, 3>(by_point) = J_point;
-    if (by_pose) fill_pose_block<Rows>((J_point * T.R.transpose()).eval(), X, by_pose);
-    if (by_weight) map<Rows, 1>(by_weight) = whitened;
-    return true;
-  }
-};
-
-}  // namespace detail
-
-/// phi S^-1/2 (p - pi(T X)) with a given weight; blocks: pose 12, point 3. Rows as in
-/// `weighted_reprojection`. A point behind the camera is a constant residual of 1000 sigma.
-template <int Rows>
-class ReprojectionCost final : public ceres::SizedCostFunction<Rows, kPoseBlock, 3> {
- public:
-  ReprojectionCost(const DepthCamera& camera, const Eigen::Matrix<double, Rows, 1>& measured,
-                   const Eigen::Matrix<double, Rows, Rows>& sqrt_information, double phi = 1.0)
-      : data_{camera, measured, sqrt_information}, phi_(phi) {}
-  bool Evaluate(double const* const* x, double* residuals, double** J) const override {
-    return data_.evaluate(x[0], x[1], phi_, residuals, J ? J[0] : nullptr, J ? J[1] : nullptr,
-                          nullptr);
-  }
-
- private:
-  detail::ReprojectionData<Rows> data_;
-  double phi_;
-};
-
-/// The same with the weight as a parameter; blocks: pose 12, point 3, weight 1. Belongs together
-/// with a WeightPriorCost on the same weight.
-template <int Rows>
-class WeightedReprojectionCost final : public ceres::SizedCostFunction<Rows, kPoseBlock, 3, 1> {
- public:
-  WeightedReprojectionCost(const DepthCamera& camera,
-                           const Eigen::Matrix<double, Rows, 1>& measured,
-                           const Eigen::Matrix<double, Rows, Rows>& sqrt_information)
-      : data_{camera, measured, sqrt_information} {}
-  bool Evaluate(double const* const* x, double* residuals, double** J) const override {
-    return data_.evaluate(x[0], x[1], *x[2], residuals, J ? J[0] : nullptr, J ? J[1] : nullptr,
-                          J ? J[2] : nullptr);
-  }
-
- private:
-  detail::ReprojectionData<Rows> data_;
-};
 
 /// sqrt(lambda) (phi - phi0); block: weight 1.
 class WeightPriorCost final : public ceres::SizedCostFunction<1, 1> {
