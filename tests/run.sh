@@ -249,6 +249,17 @@ quietly "$logs/lone-rooms.log" cmake -S . -B "$build_root/lone_rooms" -G Ninja \
 quietly "$logs/lone-rooms.log" cmake --build "$build_root/lone_rooms" --parallel "$jobs"
 pass
 
+if present factors; then
+  begin "from source: factors without Ceres"
+  quietly "$logs/without-ceres-build.log" cmake -S . -B "$build_root/without_ceres" -G Ninja \
+    -DCMAKE_BUILD_TYPE=Release -DDYNSLAM_COMPONENTS="core;factors" \
+    -DCMAKE_DISABLE_FIND_PACKAGE_Ceres=ON -DDYNSLAM_WARNINGS_AS_ERRORS=ON
+  quietly "$logs/without-ceres-build.log" \
+    cmake --build "$build_root/without_ceres" --parallel "$jobs" --target all header_checks
+  pass
+  test_preset without_ceres
+fi
+
 refused "a component that does not exist, from source" \
   'dynslam has no component "kitchen"' -S . -DDYNSLAM_COMPONENTS=kitchen
 refused "a component that does not exist, installed" \
