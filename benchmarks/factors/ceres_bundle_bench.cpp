@@ -9,13 +9,13 @@
 #include <benchmark/benchmark.h>
 #include <ceres/autodiff_cost_function.h>
 #include <ceres/loss_function.h>
-#include <ceres/manifold.h>
 #include <ceres/ordered_groups.h>
 #include <ceres/problem.h>
 #include <ceres/rotation.h>
 #include <ceres/solver.h>
 
 #include "dynslam/factors/bundle_adjustment.hpp"
+#include "dynslam/factors/ceres_manifolds.hpp"
 
 #include "factors/synthetic_bundle.hpp"
 
@@ -23,6 +23,12 @@ namespace {
 
 using namespace dynslam;
 using namespace dynslam::factors;
+
+#if DYNSLAM_CERES_HAS_MANIFOLD
+using QuaternionBlock = ceres::QuaternionManifold;
+#else
+using QuaternionBlock = ceres::QuaternionParameterization;
+#endif
 
 constexpr int kIterations = 10;
 constexpr double kHuber = 2.447;
@@ -88,7 +94,7 @@ double solve_by_quaternions(synthetic::Bundle& b) {
     const Eigen::Quaterniond q = b.poses[k].quaternion();
     const Eigen::Vector3d& t = b.poses[k].t;
     poses[k] = {q.w(), q.x(), q.y(), q.z(), t.x(), t.y(), t.z()};
-    problem.AddParameterBlock(poses[k].data(), 4, new ceres::QuaternionManifold);
+    problem.AddParameterBlock(poses[k].data(), 4, new QuaternionBlock);
     problem.AddParameterBlock(poses[k].data() + 4, 3);
     if (!b.fixed[k]) continue;
     problem.SetParameterBlockConstant(poses[k].data());
