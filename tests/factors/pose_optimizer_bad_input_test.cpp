@@ -140,6 +140,42 @@ TEST(PoseOptimizerStatus, IsDegenerateForPointsOnALine) {
   });
 }
 
+TEST(PoseOptimizerStatus, IsDegenerateForALineOrOnePointWithoutDepth) {
+  for (const double spacing : {0.0, 0.07}) {
+    Frame f = small_frame(30);
+    for (std::size_t i = 0; i < 30; ++i) {
+      const Eigen::Vector3d X = Eigen::Vector3d(-1, 0.5, 3) +
+                                spacing * static_cast<double>(i) * Eigen::Vector3d(1, -0.4, 0.3);
+      f.points[i] = f.truth.inverse() * X;
+      f.pixels[i] = f.camera.project3(X).head<2>().cast<float>();
+      f.right[i] = kNan;
+    }
+    for_each_mode(f, [](const PoseResult& result, const PoseOptimizer&) {
+      EXPECT_EQ(result.status, SolveStatus::kDegenerate);
+    });
+  }
+}
+
+TEST(PoseOptimizerStatus, WithoutAnyDepthIsGoodFromPixelsAlone) {
+  Frame f = small_frame(200);
+  for (float& right : f.right) right = kNan;
+  for_each_mode(f, [&](const PoseResult& result, const PoseOptimizer&) {
+    EXPECT_EQ(result.status, SolveStatus::kConverged);
+    EXPECT_LT(synthetic::pose_error(result.T_cam_world, f.truth), 0.02);
+  });
+}
+
+TEST(PoseOptimizerStatus, IsTooFewPointsWhenNothingIsTrusted) {
+  for (const float weight : {0.0F, -0.0F, kNan}) {
+    Frame f = small_frame(50);
+    for (float& w : f.weights) w = weight;
+    for_each_mode(f, [&](const PoseResult& result, const PoseOptimizer&) {
+      EXPECT_EQ(result.status, SolveStatus::kTooFewPoints);
+      EXPECT_EQ(result.T_cam_world.matrix(), f.start.matrix());
+    });
+  }
+}
+
 TEST(PoseOptimizerStatus, OfAPureRotationIsGood) {
   synthetic::FrameOptions o;
   o.start_distance = 0.0;
