@@ -47,7 +47,8 @@ struct RigidTransform {
   }
 
   RigidTransform inverse() const {
-    const Eigen::Matrix3d Rt = R.transpose();
+    Eigen::Matrix3d Rt = R;
+    Rt.transposeInPlace();
     return {Rt, -(Rt * t)};
   }
   RigidTransform operator*(const RigidTransform& b) const { return {R * b.R, R * b.t + t}; }

@@ -24,7 +24,8 @@ struct Similarity {
   explicit Similarity(const RigidTransform& T) : R(T.R), t(T.t) {}
 
   Similarity inverse() const {
-    const Eigen::Matrix3d Rt = R.transpose();
+    Eigen::Matrix3d Rt = R;
+    Rt.transposeInPlace();
     return {1.0 / s, Rt, -(Rt * t) / s};
   }
   Similarity operator*(const Similarity& b) const { return {s * b.s, R * b.R, s * (R * b.t) + t}; }
