@@ -1,10 +1,13 @@
 #include <algorithm>
+#include <chrono>
 #include <cmath>
 #include <cstdio>
+#include <deque>
 #include <filesystem>
 #include <fstream>
 #include <iostream>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -17,6 +20,7 @@
 #include "dynslam/core/opencv.hpp"
 #include "dynslam/dataset/readers.hpp"
 #include "dynslam/segmentation/mask_policy.hpp"
+#include "dynslam/segmentation/mask_propagation.hpp"
 #include "dynslam/segmentation/segmenter_factory.hpp"
 
 #include "commands.hpp"
@@ -37,11 +41,13 @@ struct SegmentOptions {
   std::string tum;
   std::string out;
   std::vector<std::string> classes;
+  std::vector<std::string> touched;
   std::string truth_masks;
   int truth_value = 0;  // 0 = every value but 0
   std::string backend = "opencv";
   float score = seg::NetworkOptions().score_threshold;
   int threads = 0;
+  int age = 0;  // frames that the masks are old and carried to the present
   bool plain = false;
   bool json = false;
 };
@@ -83,7 +89,8 @@ class Score {
  public:
   Score(std::string folder, int value) : folder_(std::move(folder)), value_(value) {}
 
-  void add(const std::string& stem, const cv::Mat& mask) {
+  // `fresh`: the mask of the frame itself where `mask` was carried to it, else the same.
+  void add(const std::string& stem, const cv::Mat& mask, const cv::Mat& fresh) {
     if (folder_.empty()) return;
     const std::string path = (fs::path(folder_) / (stem + ".png")).string();
     if (!fs::exists(path)) return;
@@ -95,12 +102,13 @@ class Score {
     ++found_;
     const cv::Mat truth = value_ == 0 ? labels != 0 : labels == value_;
     if (cv::countNonZero(truth) < kMinTruthShare * static_cast<double>(truth.total())) return;
-    const double both = cv::countNonZero(truth & mask);
-    sum_ += both / cv::countNonZero(truth | mask);
+    sum_ += iou(truth, mask);
+    fresh_sum_ += iou(truth, fresh);
     ++scored_;
   }
   int frames_scored() const { return scored_; }
   json mean() const { return scored_ == 0 ? json(nullptr) : json(sum_ / scored_); }
+  json fresh_mean() const { return scored_ == 0 ? json(nullptr) : json(fresh_sum_ / scored_); }
 
   void require_some_truth() const {
     if (!folder_.empty() && found_ == 0) {
@@ -109,11 +117,52 @@ class Score {
   }
 
  private:
+  static double iou(const cv::Mat& a, const cv::Mat& b) {
+    return static_cast<double>(cv::countNonZero(a & b)) / cv::countNonZero(a | b);
+  }
+
   std::string folder_;
   int value_;
   int found_ = 0;
   int scored_ = 0;
   double sum_ = 0.0;
+  double fresh_sum_ = 0.0;
+};
+
+// Masks as a system has them whose network is late by some frames: carried to the present.
+class LateMasks {
+ public:
+  explicit LateMasks(int age) : age_(static_cast<std::size_t>(age)) {
+    seg::PropagationOptions options;
+    options.history = std::max(options.history, age + 1);
+    options.max_age = std::max(options.max_age, age);
+    propagator_ = seg::MaskPropagator(options);
+  }
+
+  // What is known of the frame when its own segmentation is `age` frames away; nothing before the
+  // first one has come.
+  std::optional<seg::Segmentation> carried(const cv::Mat& pixels, const seg::FrameInfo& frame,
+                                           const seg::Segmentation& own) {
+    waiting_.emplace_back(frame.index, own);
+    const auto start = std::chrono::steady_clock::now();
+    propagator_.add_frame(pixels, frame);
+    std::optional<seg::Segmentation> result;
+    if (waiting_.size() > age_) {
+      propagator_.set_segmentation(waiting_.front().first, std::move(waiting_.front().second));
+      waiting_.pop_front();
+      if (auto now = propagator_.current()) result = std::move(now->segmentation);
+    }
+    using Milliseconds = std::chrono::duration<double, std::milli>;
+    times_.push_back(Milliseconds(std::chrono::steady_clock::now() - start).count());
+    return result;
+  }
+  const std::vector<double>& times() const { return times_; }
+
+ private:
+  std::size_t age_;
+  seg::MaskPropagator propagator_;
+  std::deque<std::pair<std::uint64_t, seg::Segmentation>> waiting_;
+  std::vector<double> times_;
 };
 
 // A line on stderr that moves while there is somebody to look at it.
@@ -224,6 +273,10 @@ json segmenter_json(const seg::SegmenterInfo& info) {
           {"outputs", tensors_json(info.outputs)}};
 }
 
+json spread_json(const std::vector<double>& values) {
+  return {{"median", quantile(values, 0.5)}, {"p95", quantile(values, 0.95)}};
+}
+
 json instances_json(const seg::Segmentation& found, const std::vector<std::string>& names) {
   json list = json::array();
   for (const seg::Instance& instance : found.instances) {
@@ -245,6 +298,8 @@ class SegmentRun {
         policy_(make_policy(options)),
         source_(options),
         score_(options.truth_masks, options.truth_value) {
+    if (options.age > 0) late_.emplace(options.age);
+    if (options.out.empty()) return;
     make_folder(fs::path(options.out) / "overlay");
     make_folder(fs::path(options.out) / "mask");
   }
@@ -285,6 +340,7 @@ class SegmentRun {
     policy.dilation_px = 0;
     policy.min_score = 0.0F;
     if (!options.classes.empty()) policy.classes = options.classes;
+    policy.touched_classes = options.touched;
     return seg::MaskPolicy(policy);
   }
 
@@ -294,18 +350,36 @@ class SegmentRun {
     frame.timestamp = source_.timestamp(index);
     frame.name = image.name;
     frame.depth = as_view<const float>(image.depth);
-    const seg::Segmentation found = segmenter_->segment(image.pixels, frame);
-    const auto& names = segmenter_->class_names();
-    const cv::Mat mask = policy_.mask(found, names);
-    const std::string stem = seg::frame_stem(image.name);
-    score_.add(stem, mask);
-    const fs::path out(options_.out);
-    save_image(out / "mask" / (stem + ".png"), mask);
-    save_image(out / "overlay" / (stem + ".jpg"), overlay(image.pixels, found, policy_, names));
+    seg::Segmentation found = segmenter_->segment(image.pixels, frame);
     times_.push_back(found.total_ms);
+    network_times_.push_back(found.network_ms);
+    const auto& names = segmenter_->class_names();
+    cv::Mat mask = policy_.mask(found, names);
+    const cv::Mat fresh = mask;
+    bool known = true;
+    if (late_) {
+      std::optional<seg::Segmentation> carried = late_->carried(image.pixels, frame, found);
+      known = carried.has_value();
+      found.instances.clear();
+      if (known) found.instances = std::move(carried->instances);
+      mask = policy_.mask(found, names);
+    }
+    const std::string stem = seg::frame_stem(image.name);
+    if (known) score_.add(stem, mask, fresh);
+    save(stem, image, mask, found);
     images_.push_back({{"name", image.name},
                        {"instances", instances_json(found, names)},
-                       {"ms", found.total_ms}});
+                       {"ms", found.total_ms},
+                       {"network_ms", found.network_ms}});
+  }
+
+  void save(const std::string& stem, const Image& image, const cv::Mat& mask,
+            const seg::Segmentation& found) const {
+    if (options_.out.empty()) return;
+    const fs::path out(options_.out);
+    save_image(out / "mask" / (stem + ".png"), mask);
+    save_image(out / "overlay" / (stem + ".jpg"),
+               overlay(image.pixels, found, policy_, segmenter_->class_names()));
   }
 
   void finish() const {
@@ -314,21 +388,40 @@ class SegmentRun {
                    {"mean_iou", score_.mean()},
                    {"frames_scored", score_.frames_scored()},
                    {"frames_skipped", skipped_},
-                   {"ms", {{"median", quantile(times_, 0.5)}, {"p95", quantile(times_, 0.95)}}},
+                   {"ms", spread_json(times_)},
+                   {"network_ms", spread_json(network_times_)},
                    {"backend", info.backend},
                    {"segmenter", segmenter_json(info)}};
-    save_text(fs::path(options_.out) / "segment.json", report.dump(2));
+    if (late_) {
+      report["age"] = options_.age;
+      report["mean_iou_fresh"] = score_.fresh_mean();
+      report["carry_ms"] = spread_json(late_->times());
+    }
+    if (!options_.out.empty()) {
+      save_text(fs::path(options_.out) / "segment.json", report.dump(2));
+    }
     if (options_.json) {
       std::cout << report.dump() << '\n';
-      return;
+    } else {
+      print();
     }
-    std::printf("%zu images, %zu skipped, median %.1f ms, p95 %.1f ms\n", images_.size(), skipped_,
-                quantile(times_, 0.5), quantile(times_, 0.95));
+  }
+
+  void print() const {
+    std::printf("%zu images, %zu skipped, median %.1f ms, p95 %.1f ms, network %.1f ms\n",
+                images_.size(), skipped_, quantile(times_, 0.5), quantile(times_, 0.95),
+                quantile(network_times_, 0.5));
     if (score_.frames_scored() > 0) {
       std::printf("mean IoU %.4f over %d images\n", score_.mean().get<double>(),
                   score_.frames_scored());
     }
-    std::printf("overlays, masks and segment.json are in %s\n", options_.out.c_str());
+    if (score_.frames_scored() > 0 && late_) {
+      std::printf("of masks %d frames old; of the frames' own masks it is %.4f\n", options_.age,
+                  score_.fresh_mean().get<double>());
+    }
+    if (!options_.out.empty()) {
+      std::printf("overlays, masks and segment.json are in %s\n", options_.out.c_str());
+    }
   }
 
   SegmentOptions options_;
@@ -336,9 +429,11 @@ class SegmentRun {
   seg::MaskPolicy policy_;
   Source source_;
   Score score_;
+  std::optional<LateMasks> late_;
   std::size_t skipped_ = 0;
   json images_ = json::array();
   std::vector<double> times_;
+  std::vector<double> network_times_;
 };
 
 }  // namespace
@@ -358,9 +453,13 @@ CLI::App* add_segment_command(CLI::App& app, std::function<int()>& run) {
   CLI::Option* images = command->add_option("IMAGE", options->images, "image files");
   CLI::Option* tum = command->add_option("--tum", options->tum, "recording in TUM RGB-D layout");
   images->excludes(tum);
-  command->add_option("--out", options->out, "folder for overlays, masks and segment.json")
-      ->required();
+  command->add_option("--out", options->out,
+                      "folder for overlays, masks and segment.json; without it only the report");
   command->add_option("--classes", options->classes, "dynamic classes, comma-separated")
+      ->delimiter(',');
+  command
+      ->add_option("--touched", options->touched,
+                   "classes that are dynamic where a dynamic one touches them, comma-separated")
       ->delimiter(',');
   CLI::Option* truth =
       command->add_option("--truth-masks", options->truth_masks, "folder of true masks, NAME.png");
@@ -377,6 +476,11 @@ CLI::App* add_segment_command(CLI::App& app, std::function<int()>& run) {
       ->capture_default_str();
   command->add_option("--threads", options->threads, "of ONNX Runtime; 0: its own choice")
       ->check(CLI::Range(0, 1024));
+  command
+      ->add_option("--age", options->age,
+                   "give each frame the masks of the one so many frames before, carried to it")
+      ->check(CLI::Range(0, 100))
+      ->needs(tum);
   command->add_flag("--plain", options->plain,
                     "the network's own answers, without depth and memory");
   command->add_flag("--json", options->json, "print one JSON object and nothing else");
