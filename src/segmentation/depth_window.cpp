@@ -318,6 +318,13 @@ void DepthWindow::grow_beside_the_mask() {
   clear_visited();
 }
 
+void DepthWindow::grow_up_and_down(double max_growth) {
+  near_top_ = 0;
+  near_bottom_ = height_;
+  options_.max_growth = max_growth;
+  grow_beside_the_mask();
+}
+
 bool DepthWindow::hidden_from_the_mask(const std::vector<int>& component) const {
   // Up or down from the component's cells to the first cell of the instance: most of what lies
   // between must be nearer than the instance, or unknown.
@@ -453,23 +460,23 @@ void DepthWindow::write(DepthView depth, Instance& instance) const {
     return x >= 0 && y >= 0 && x < width_ && y < height_ &&
            (state_[static_cast<std::size_t>(y * width_ + x)] & kIn) != 0;
   };
-  for (int v = 0; v < box.height; ++v) {
-    const int y = (box.y + v) / 2 - y0_;
-    const float* z = depth.row(box.y + v);
-    std::uint8_t* out = mask.ptr(v);
-    for (int u = 0; u < box.width; ++u) {
-      const int x = (box.x + u) / 2 - x0_;
-      const bool here = in(x, y);
-      const int around = (in(x - 1, y) ? 1 : 0) + (in(x + 1, y) ? 1 : 0) + (in(x, y - 1) ? 1 : 0) +
-                         (in(x, y + 1) ? 1 : 0);
-      bool inside = here;
-      if (around < 4 && here) {
-        // At the border the pixel's own depth decides, if it has one.
-        const float own = z[box.x + u];
-        const float cell = z_[static_cast<std::size_t>(y * width_ + x)];
-        if (measured(own) && measured(cell)) inside = one_surface(own, cell);
+  mask.setTo(0);
+  for (int y = extent.top; y <= extent.bottom; ++y) {
+    for (int x = extent.left; x <= extent.right; ++x) {
+      if (!in(x, y)) continue;
+      const float cell = z_[static_cast<std::size_t>(y * width_ + x)];
+      const bool border = !in(x - 1, y) || !in(x + 1, y) || !in(x, y - 1) || !in(x, y + 1);
+      const int u = 2 * (x0_ + x) - box.x;
+      const int v = 2 * (y0_ + y) - box.y;
+      for (int row = v; row < std::min(v + 2, box.height); ++row) {
+        const float* own = depth.row(box.y + row) + box.x;
+        std::uint8_t* out = mask.ptr(row);
+        for (int column = u; column < std::min(u + 2, box.width); ++column) {
+          // At the border the pixel's own depth decides, if it has one.
+          const bool decides = border && measured(own[column]) && measured(cell);
+          out[column] = !decides || one_surface(own[column], cell) ? 255 : 0;
+        }
       }
-      out[u] = inside ? 255 : 0;
     }
   }
   instance.box = box;

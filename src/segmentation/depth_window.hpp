@@ -4,6 +4,8 @@
 #include <cstdint>
 #include <vector>
 
+#include <opencv2/core/types.hpp>
+
 #include "dynslam/segmentation/depth_refinement.hpp"
 
 namespace dynslam::segmentation {
@@ -19,6 +21,8 @@ struct HalfDepth {
   std::vector<std::uint8_t> facing;  ///< 1 where the surface is not too steep to grow over
 
   void build(DepthView depth, const DepthRefinementOptions& options);
+  /// At the cell that a point is nearest to, at the border if it is outside.
+  float nearest(cv::Point2f point) const;
   float at(int x, int y) const {
     return z[static_cast<std::size_t>(y) * static_cast<std::size_t>(width) +
              static_cast<std::size_t>(x)];
@@ -42,6 +46,8 @@ class DepthWindow {
                 const Instance& instance);
   void remove_what_does_not_belong();
   void grow_beside_the_mask();
+  /// The same over the whole height of the window, for regions up to `max_growth` of the mask.
+  void grow_up_and_down(double max_growth);
   void add_parts_behind();
   void fill_holes();
   /// Decides the border at full resolution and replaces the instance's box and mask.

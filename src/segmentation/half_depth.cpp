@@ -5,6 +5,11 @@
 
 namespace dynslam::segmentation {
 
+float HalfDepth::nearest(cv::Point2f point) const {
+  return at(std::clamp(static_cast<int>(std::lround(point.x)), 0, width - 1),
+            std::clamp(static_cast<int>(std::lround(point.y)), 0, height - 1));
+}
+
 void HalfDepth::build(DepthView depth, const DepthRefinementOptions& options) {
   width = (depth.width + 1) / 2;
   height = (depth.height + 1) / 2;

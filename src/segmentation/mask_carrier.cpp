@@ -9,9 +9,6 @@
 namespace dynslam::segmentation {
 namespace {
 
-const cv::Size kFlowWindow(15, 15);
-constexpr int kFlowLevels = 3;
-
 std::vector<cv::Point2f> corners_inside(const FlowImage& image, const Instance& instance,
                                         int max_points) {
   const cv::Rect box = instance.box;
@@ -32,17 +29,38 @@ float median(std::vector<float> values) {
   return *middle;
 }
 
-// Drops the points that move unlike the others: the background at the mask's border.
+// The motion that most of the others are like: half of them may be wrong, each in its own way.
+cv::Point2f most_common(const std::vector<cv::Point2f>& motions) {
+  constexpr float kAlike = 2.0F;  // half-resolution pixels
+  std::size_t most = 0;
+  cv::Point2f best(0, 0);
+  for (const cv::Point2f& candidate : motions) {
+    std::size_t alike = 0;
+    cv::Point2f sum(0, 0);
+    for (const cv::Point2f& other : motions) {
+      const cv::Point2f d = other - candidate;
+      if (d.dot(d) > kAlike * kAlike) continue;
+      ++alike;
+      sum += other;
+    }
+    if (alike > most) {
+      most = alike;
+      best = sum * (1.0F / static_cast<float>(alike));
+    }
+  }
+  return best;
+}
+
+}  // namespace
+
 cv::Point2f keep_the_common_motion(PointTracks& motion) {
-  std::vector<float> dx, dy, away;
+  std::vector<cv::Point2f> motions;
   for (std::size_t i = 0; i < motion.from.size(); ++i) {
-    dx.push_back(motion.to[i].x - motion.from[i].x);
-    dy.push_back(motion.to[i].y - motion.from[i].y);
+    motions.push_back(motion.to[i] - motion.from[i]);
   }
-  const cv::Point2f centre(median(dx), median(dy));
-  for (std::size_t i = 0; i < dx.size(); ++i) {
-    away.push_back(std::hypot(dx[i] - centre.x, dy[i] - centre.y));
-  }
+  const cv::Point2f centre = most_common(motions);
+  std::vector<float> away;
+  for (const cv::Point2f& d : motions) away.push_back(std::hypot(d.x - centre.x, d.y - centre.y));
   const float limit = 3.0F * 1.4826F * median(away) + 1.5F;
   std::size_t kept = 0;
   for (std::size_t i = 0; i < away.size(); ++i) {
@@ -55,7 +73,9 @@ cv::Point2f keep_the_common_motion(PointTracks& motion) {
   return centre;
 }
 
-// Displacement at a point of the target image, full resolution: neighbours by distance, and the
+namespace {
+
+// Displacement at a point of the target image: neighbours by distance, and the
 // common motion where there are none.
 cv::Point2f displacement_at(cv::Point2f at, const PointTracks& motion, cv::Point2f common) {
   constexpr float kSigma = 20.0F;  // half-resolution pixels
@@ -70,65 +90,116 @@ cv::Point2f displacement_at(cv::Point2f at, const PointTracks& motion, cv::Point
   return sum * (1.0F / weight);
 }
 
-// Resamples the mask where the field says it came from.
-void warp(const Instance& source, const PointTracks& motion, cv::Point2f common, cv::Size image,
-          Instance& target) {
-  target = source;
-  cv::Rect2f reach(source.box);
+// Cells of the half image that a box touches.
+cv::Rect cells_of(const cv::Rect& box) {
+  const int x = box.x / 2;
+  const int y = box.y / 2;
+  return {x, y, (box.br().x + 1) / 2 - x, (box.br().y + 1) / 2 - y};
+}
+
+// Where the mask can be after the motion.
+cv::Rect reach_of(const cv::Rect& cells, const PointTracks& motion, cv::Point2f common,
+                  cv::Size half) {
   float spread = 0.0F;
   for (std::size_t i = 0; i < motion.to.size(); ++i) {
     const cv::Point2f d = motion.to[i] - motion.from[i] - common;
     spread = std::max(spread, std::max(std::abs(d.x), std::abs(d.y)));
   }
-  const float margin = 2 * spread + 2;
-  reach = cv::Rect2f(reach.x + 2 * common.x - margin, reach.y + 2 * common.y - margin,
-                     reach.width + 2 * margin, reach.height + 2 * margin);
-  const cv::Rect box = cv::Rect(cv::Point(static_cast<int>(std::floor(reach.x)),
-                                          static_cast<int>(std::floor(reach.y))),
-                                cv::Point(static_cast<int>(std::ceil(reach.br().x)),
-                                          static_cast<int>(std::ceil(reach.br().y)))) &
-                       cv::Rect(cv::Point(), image);
-  target.box = cv::Rect();
-  target.mask.release();
-  if (box.empty()) return;
+  const float margin = spread + 1;
+  const auto low = [](float v) { return static_cast<int>(std::floor(v)); };
+  const auto high = [](float v) { return static_cast<int>(std::ceil(v)); };
+  const cv::Point2f tl = cv::Point2f(cells.tl()) + common;
+  const cv::Point2f br = cv::Point2f(cells.br()) + common;
+  return cv::Rect(cv::Point(low(tl.x - margin), low(tl.y - margin)),
+                  cv::Point(high(br.x + margin), high(br.y + margin))) &
+         cv::Rect(cv::Point(), half);
+}
 
-  // The field on a grid of 16 pixels, then between.
-  constexpr int kGrid = 16;
-  const cv::Size nodes(box.width / kGrid + 2, box.height / kGrid + 2);
+}  // namespace
+
+CellMask cell_mask(const Instance& instance, const HalfDepth* depth) {
+  CellMask mask;
+  mask.cells = cells_of(instance.box);
+  mask.in = cv::Mat::zeros(mask.cells.size(), CV_8UC1);
+  mask.z = cv::Mat::zeros(mask.cells.size(), CV_32FC1);
+  for (int y = 0; y < mask.cells.height; ++y) {
+    const int row = std::clamp(2 * (mask.cells.y + y) - instance.box.y, 0, instance.box.height - 1);
+    const std::uint8_t* source = instance.mask.ptr(row);
+    std::uint8_t* in = mask.in.ptr(y);
+    auto* z = mask.z.ptr<float>(y);
+    for (int x = 0; x < mask.cells.width; ++x) {
+      const int column =
+          std::clamp(2 * (mask.cells.x + x) - instance.box.x, 0, instance.box.width - 1);
+      in[x] = source[column];
+      if (depth != nullptr) z[x] = depth->at(mask.cells.x + x, mask.cells.y + y);
+    }
+  }
+  return mask;
+}
+
+CellMask move_cells(const CellMask& source, const PointTracks& motion, cv::Point2f common,
+                    cv::Size half) {
+  CellMask target;
+  target.cells = reach_of(source.cells, motion, common, half);
+  if (target.cells.empty()) return target;
+  target.in = cv::Mat::zeros(target.cells.size(), CV_8UC1);
+  target.z = cv::Mat::zeros(target.cells.size(), CV_32FC1);
+  // The field on a grid, then between.
+  constexpr int kGrid = 8;
+  const cv::Size nodes(target.cells.width / kGrid + 2, target.cells.height / kGrid + 2);
   cv::Mat field(nodes, CV_32FC2);
   for (int y = 0; y < nodes.height; ++y) {
     for (int x = 0; x < nodes.width; ++x) {
-      const cv::Point2f at(static_cast<float>(box.x + x * kGrid) / 2,
-                           static_cast<float>(box.y + y * kGrid) / 2);
-      const cv::Point2f d = displacement_at(at, motion, common) * 2.0F;
+      const cv::Point2f at(static_cast<float>(target.cells.x + x * kGrid),
+                           static_cast<float>(target.cells.y + y * kGrid));
+      const cv::Point2f d = displacement_at(at, motion, common);
       field.at<cv::Vec2f>(y, x) = cv::Vec2f(d.x, d.y);
     }
   }
-  cv::Mat map(box.size(), CV_32FC2);
-  for (int y = 0; y < box.height; ++y) {
-    auto* row = map.ptr<cv::Vec2f>(y);
-    const int gy = y / kGrid;
+  for (int y = 0; y < target.cells.height; ++y) {
+    const auto* above = field.ptr<cv::Vec2f>(y / kGrid);
+    const auto* below = field.ptr<cv::Vec2f>(y / kGrid + 1);
     const float wy = static_cast<float>(y % kGrid) / kGrid;
-    for (int x = 0; x < box.width; ++x) {
+    std::uint8_t* in = target.in.ptr(y);
+    auto* z = target.z.ptr<float>(y);
+    for (int x = 0; x < target.cells.width; ++x) {
       const int gx = x / kGrid;
       const float wx = static_cast<float>(x % kGrid) / kGrid;
-      const cv::Vec2f d =
-          (field.at<cv::Vec2f>(gy, gx) * (1 - wx) + field.at<cv::Vec2f>(gy, gx + 1) * wx) *
-              (1 - wy) +
-          (field.at<cv::Vec2f>(gy + 1, gx) * (1 - wx) + field.at<cv::Vec2f>(gy + 1, gx + 1) * wx) *
-              wy;
-      row[x] = cv::Vec2f(static_cast<float>(box.x + x - source.box.x) - d[0],
-                         static_cast<float>(box.y + y - source.box.y) - d[1]);
+      const cv::Vec2f d = (above[gx] * (1 - wx) + above[gx + 1] * wx) * (1 - wy) +
+                          (below[gx] * (1 - wx) + below[gx + 1] * wx) * wy;
+      const auto from_x = static_cast<int>(
+          std::lround(static_cast<float>(target.cells.x + x - source.cells.x) - d[0]));
+      const auto from_y = static_cast<int>(
+          std::lround(static_cast<float>(target.cells.y + y - source.cells.y) - d[1]));
+      if (from_x < 0 || from_y < 0 || from_x >= source.cells.width ||
+          from_y >= source.cells.height) {
+        continue;
+      }
+      in[x] = source.in.at<std::uint8_t>(from_y, from_x);
+      z[x] = source.z.at<float>(from_y, from_x);
     }
   }
-  cv::Mat mask;
-  cv::remap(source.mask, mask, map, cv::noArray(), cv::INTER_LINEAR, cv::BORDER_CONSTANT);
-  cv::threshold(mask, mask, 127, 255, cv::THRESH_BINARY);
-  const cv::Rect tight = cv::boundingRect(mask);
-  if (tight.empty()) return;
-  target.mask = mask(tight).clone();
-  target.box = tight + box.tl();
+  return target;
 }
+
+void paint_cells(const CellMask& mask, cv::Size full, Instance& instance) {
+  instance.box = cv::Rect();
+  instance.mask.release();
+  if (mask.cells.empty()) return;
+  const cv::Rect tight = cv::boundingRect(mask.in);
+  if (tight.empty()) return;
+  cv::Mat large;
+  cv::resize(mask.in(tight), large, cv::Size(2 * tight.width, 2 * tight.height), 0, 0,
+             cv::INTER_NEAREST);
+  const cv::Point corner = 2 * (mask.cells.tl() + tight.tl());
+  instance.box = cv::Rect(corner, large.size()) & cv::Rect(cv::Point(), full);
+  if (instance.box.empty()) return;
+  instance.mask = large(instance.box - corner).clone();
+}
+
+namespace {
+
+cv::Size half_of(cv::Size full) { return {(full.width + 1) / 2, (full.height + 1) / 2}; }
 
 }  // namespace
 
@@ -202,34 +273,6 @@ void advance_tracks(std::vector<PointTracks>& tracks, const FlowImage& from, con
   }
 }
 
-void drop_foreign_corners(std::vector<PointTracks>& tracks, DepthView depth,
-                          const std::vector<float>& expected) {
-  if (depth.empty()) return;
-  for (std::size_t i = 0; i < tracks.size(); ++i) {
-    PointTracks& track = tracks[i];
-    if (expected[i] <= 0.0F) continue;
-    std::vector<std::size_t> good;
-    for (std::size_t k = 0; k < track.to.size(); ++k) {
-      const int x =
-          std::clamp(static_cast<int>(std::lround(2 * track.to[k].x)), 0, depth.width - 1);
-      const int y =
-          std::clamp(static_cast<int>(std::lround(2 * track.to[k].y)), 0, depth.height - 1);
-      const float z = depth(x, y);
-      const bool off = z > 0.0F && std::abs(z - expected[i]) > kMaxDepthJump * expected[i];
-      if (!off) good.push_back(k);
-    }
-    if (2 * good.size() < track.to.size()) continue;
-    for (std::size_t k = 0; k < good.size(); ++k) {
-      track.from[k] = track.from[good[k]];
-      track.to[k] = track.to[good[k]];
-      track.step[k] = track.step[good[k]];
-    }
-    track.from.resize(good.size());
-    track.to.resize(good.size());
-    track.step.resize(good.size());
-  }
-}
-
 std::vector<CarriedInstance> move_instances(const std::vector<Instance>& instances,
                                             const std::vector<PointTracks>& tracks, cv::Size full) {
   std::vector<CarriedInstance> moved(instances.size());
@@ -238,7 +281,9 @@ std::vector<CarriedInstance> move_instances(const std::vector<Instance>& instanc
     cv::Point2f common(0, 0);
     if (!track.from.empty()) common = keep_the_common_motion(track);
     moved[i].tracked = track.tracked();
-    warp(instances[i], track, common, full, moved[i].instance);
+    moved[i].instance = instances[i];
+    paint_cells(move_cells(cell_mask(instances[i], nullptr), track, common, half_of(full)), full,
+                moved[i].instance);
   }
   return moved;
 }

@@ -7,7 +7,13 @@
 
 #include "dynslam/segmentation/segmenter.hpp"
 
+#include "segmentation/depth_window.hpp"
+
 namespace dynslam::segmentation {
+
+/// Of the flow, at half resolution: window and levels above the first.
+inline const cv::Size kFlowWindow(15, 15);
+inline constexpr int kFlowLevels = 3;
 
 /// A grey image at half resolution with the pyramid that optical flow needs.
 struct FlowImage {
@@ -53,11 +59,27 @@ struct CarriedInstance {
   double tracked = 0.0;
 };
 
-/// Drops corners that are at another depth now than their instance was (`expected`, one value an
-/// instance, metres, 0 = unknown): they stayed on what came before it or behind it. Keeps them all
-/// where that would be most of them.
-void drop_foreign_corners(std::vector<PointTracks>& tracks, DepthView depth,
-                          const std::vector<float>& expected);
+/// Drops the pairs that move unlike the others: the background at the mask's border. Gives the
+/// common motion; there must be at least one pair.
+cv::Point2f keep_the_common_motion(PointTracks& motion);
+
+/// A mask and the depth under it in cells of the half image: cell (x, y) is pixel (2x, 2y).
+struct CellMask {
+  cv::Rect cells;  ///< of the half image
+  cv::Mat in;      ///< 8UC1, 0 or 255
+  cv::Mat z;       ///< 32FC1, metres, 0 = unknown
+};
+
+/// `depth` may be null.
+CellMask cell_mask(const Instance& instance, const HalfDepth* depth);
+
+/// The mask where the smooth field of the motion brings it in an image of `half` cells, `common`
+/// where there are no corners; its depth comes along.
+CellMask move_cells(const CellMask& source, const PointTracks& motion, cv::Point2f common,
+                    cv::Size half);
+
+/// Gives the instance the mask, at full resolution; the box is empty if nothing is left of it.
+void paint_cells(const CellMask& mask, cv::Size full, Instance& instance);
 
 /// Moves instances as their corners moved, in an image of size `full`.
 std::vector<CarriedInstance> move_instances(const std::vector<Instance>& instances,

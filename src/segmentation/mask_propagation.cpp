@@ -11,6 +11,9 @@
 
 #include "dynslam/core/errors.hpp"
 
+#include "segmentation/carried_surfaces.hpp"
+#include "segmentation/corner_tracker.hpp"
+#include "segmentation/depth_window.hpp"
 #include "segmentation/mask_carrier.hpp"
 
 namespace dynslam::segmentation {
@@ -48,90 +51,209 @@ cv::Mat PropagatedSegmentation::soft_mask(const std::vector<std::size_t>& chosen
 
 namespace {
 
+// How far from the depth that was carried with it a cell may be, as a share: limbs move, noise is
+// 1 to 2 %; less than two people one behind the other are apart.
+constexpr float kMaxCarriedJump = 0.07F;
+// What nothing but an occluder can have kept out of a mask may be many times what was seen.
+constexpr double kMaxHiddenGrowth = 8.0;
+
 struct Remembered {
   std::uint64_t index = 0;
   double timestamp = 0.0;
-  FlowImage image;
-  std::vector<float> depth;  // empty if the frame has none
-
-  DepthView depth_view() const {
-    if (depth.empty()) return {};
-    return DepthView(depth.data(), image.full.width, image.full.height);
-  }
+  HalfDepth half;  // no cells if the frame has no depth
 };
-
-std::vector<float> copy_depth(DepthView depth) {
-  std::vector<float> copy;
-  if (depth.empty()) return copy;
-  const auto width = static_cast<std::size_t>(depth.width);
-  copy.resize(width * static_cast<std::size_t>(depth.height));
-  for (int y = 0; y < depth.height; ++y) {
-    std::memcpy(copy.data() + static_cast<std::size_t>(y) * width, depth.row(y),
-                width * sizeof(float));
-  }
-  return copy;
-}
 
 }  // namespace
 
 struct MaskPropagator::Impl {
   PropagationOptions options;
-  DepthRefiner refiner;
+  CornerTracker tracker{2, 1.5};
+  DepthWindow window;
+  cv::Size full;
   std::deque<Remembered> frames;  // oldest first
+  std::vector<float> depth;       // of the newest frame, empty if it has none
   std::optional<Segmentation> source;
   std::uint64_t source_index = 0;
-  // Of the source's instances: their corners, followed up to the frame `tracked_index`, and their
-  // depths (metres, 0 = unknown).
-  std::vector<PointTracks> tracks;
-  std::uint64_t tracked_index = 0;
-  std::vector<float> depths;
   std::optional<PropagatedSegmentation> result;
   bool result_is_fresh = false;
 
-  CarryOptions carry_options() const {
-    CarryOptions carry;
-    carry.max_points = options.max_points;
-    carry.max_error_px = options.max_error_px;
-    return carry;
+  // Scratch of the frame being computed.
+  CarriedCorners corners;
+  std::vector<std::uint8_t> outside;  // cells whose surface was outside all masks
+  std::vector<std::uint8_t> hidden;   // cells around an instance that could not be seen before
+
+  DepthView depth_view() const {
+    if (depth.empty()) return {};
+    return DepthView(depth.data(), full.width, full.height);
   }
   std::size_t place_of(std::uint64_t index) const {
     std::size_t place = 0;
     while (place < frames.size() && frames[place].index != index) ++place;
     return place;
   }
-  void start(std::size_t place);
-  void carry_to_newest(PropagatedSegmentation& out);
+  void remember_depth(DepthView view);
+  std::vector<int> count_corners(std::size_t place) const;
+  PointTracks tracks_of(std::size_t instance) const;
+  float depth_change(std::size_t instance, const HalfDepth& before) const;
+  void drop_other_depths(CellMask& mask, float change) const;
+  void fit(Instance& instance, bool with_hidden);
+  void carry(std::size_t i, std::size_t place, Instance& instance, double& tracked);
+  void add_revealed(std::size_t place, PropagatedSegmentation& out);
+  void carry_to_newest(std::size_t place, PropagatedSegmentation& out);
   void compute();
 };
 
-void MaskPropagator::Impl::start(std::size_t place) {
-  tracks = start_tracks(frames[place].image, source->instances, carry_options());
-  tracked_index = source_index;
-  depths.clear();
-  for (const Instance& instance : source->instances) {
-    depths.push_back(median_depth(instance, frames[place].depth_view()));
+void MaskPropagator::Impl::remember_depth(DepthView view) {
+  depth.clear();
+  if (view.empty() || !options.follow_depth) return;
+  const auto width = static_cast<std::size_t>(view.width);
+  depth.resize(width * static_cast<std::size_t>(view.height));
+  for (int y = 0; y < view.height; ++y) {
+    std::memcpy(depth.data() + static_cast<std::size_t>(y) * width, view.row(y),
+                width * sizeof(float));
   }
-  drop_foreign_corners(tracks, frames[place].depth_view(), depths);
+  frames.back().half.build(depth_view(), options.depth);
 }
 
-void MaskPropagator::Impl::carry_to_newest(PropagatedSegmentation& out) {
-  for (std::size_t place = place_of(tracked_index); place + 1 < frames.size(); ++place) {
-    advance_tracks(tracks, frames[place].image, frames[place + 1].image, carry_options());
-    drop_foreign_corners(tracks, frames[place + 1].depth_view(), depths);
+// Corners that each instance had in its own frame.
+std::vector<int> MaskPropagator::Impl::count_corners(std::size_t place) const {
+  std::vector<int> counts(source->instances.size(), 0);
+  for (const Corner& corner : tracker.of_frame(place)) {
+    const int label = label_at(corner.at, source->instances);
+    if (label >= 0) ++counts[static_cast<std::size_t>(label)];
   }
-  const Remembered& to = frames.back();
-  tracked_index = to.index;
-  auto carried = move_instances(source->instances, tracks, to.image.full);
+  return counts;
+}
+
+PointTracks MaskPropagator::Impl::tracks_of(std::size_t instance) const {
+  PointTracks tracks;
+  for (std::size_t i = 0; i < corners.pairs.size(); ++i) {
+    if (corners.labels[i] != static_cast<int>(instance)) continue;
+    tracks.from.push_back(corners.pairs[i].from);
+    tracks.to.push_back(corners.pairs[i].to);
+  }
+  return tracks;
+}
+
+// How many times farther the instance is now than it was, by its corners; 1 if that is not known.
+float MaskPropagator::Impl::depth_change(std::size_t instance, const HalfDepth& before) const {
+  constexpr std::size_t kEnough = 4;
+  const HalfDepth& now = frames.back().half;
+  std::vector<float> ratios;
+  for (std::size_t i = 0; i < corners.pairs.size(); ++i) {
+    if (corners.labels[i] != static_cast<int>(instance)) continue;
+    const float z0 = before.nearest(corners.pairs[i].from);
+    const float z1 = now.nearest(corners.pairs[i].to);
+    if (measured(z0) && measured(z1)) ratios.push_back(z1 / z0);
+  }
+  return ratios.size() < kEnough ? 1.0F : median_of(ratios);
+}
+
+// Takes out what is at another depth than the carried one: what came before the instance, what it
+// left behind; and what the corners say was outside all masks.
+void MaskPropagator::Impl::drop_other_depths(CellMask& mask, float change) const {
+  const HalfDepth& now = frames.back().half;
+  for (int y = 0; y < mask.cells.height; ++y) {
+    std::uint8_t* in = mask.in.ptr(y);
+    const auto* carried = mask.z.ptr<float>(y);
+    const auto row = static_cast<std::size_t>((mask.cells.y + y) * now.width + mask.cells.x);
+    for (int x = 0; x < mask.cells.width; ++x) {
+      const std::size_t cell = row + static_cast<std::size_t>(x);
+      const float z = now.z[cell];
+      const float expected = carried[x] * change;
+      const bool jumped =
+          measured(z) && measured(expected) && std::abs(z - expected) > kMaxCarriedJump * expected;
+      if (jumped || outside[cell] != 0) in[x] = 0;
+    }
+  }
+}
+
+// As DepthRefiner::refine; then into what was hidden, where the limits of size do not hold.
+void MaskPropagator::Impl::fit(Instance& instance, bool with_hidden) {
+  HalfDepth& now = frames.back().half;
+  if (!window.open(now, options.depth, instance)) return;
+  window.remove_what_does_not_belong();
+  window.grow_beside_the_mask();
+  if (with_hidden) {
+    now.facing.swap(hidden);
+    window.grow_up_and_down(kMaxHiddenGrowth);
+    now.facing.swap(hidden);
+  }
+  window.add_parts_behind();
+  window.fill_holes();
+  window.write(depth_view(), instance);
+}
+
+// Instance `i` of the source in the newest frame; its box is empty if nothing is left of it.
+void MaskPropagator::Impl::carry(std::size_t i, std::size_t place, Instance& instance,
+                                 double& tracked) {
+  const HalfDepth& before = frames[place].half;
+  const bool deep = !depth.empty();
+  const bool deep_before = deep && !before.z.empty();
+  PointTracks tracks = tracks_of(i);
+  tracked = static_cast<double>(tracks.from.size());
+  cv::Point2f common(0, 0);
+  if (!tracks.from.empty()) common = keep_the_common_motion(tracks);
+  const CellMask was = cell_mask(source->instances[i], deep_before ? &before : nullptr);
+  CellMask mask =
+      move_cells(was, tracks, common, cv::Size((full.width + 1) / 2, (full.height + 1) / 2));
+  if (deep && !mask.cells.empty()) {
+    drop_other_depths(mask, deep_before ? depth_change(i, before) : 1.0F);
+  }
+  instance = source->instances[i];
+  paint_cells(mask, full, instance);
+  if (!deep || instance.box.empty()) return;
+  if (deep_before) {
+    const auto margin =
+        static_cast<int>(options.depth.side_margin * std::min(was.cells.width, was.cells.height));
+    cells_hidden_before(was, common, before, frames.back().half, margin, hidden);
+  }
+  fit(instance, deep_before);
+}
+
+// What comes out from behind an instance and stands before its surroundings is a thing that nobody
+// has judged yet: it counts as what hid it, until the network has seen it.
+void MaskPropagator::Impl::add_revealed(std::size_t place, PropagatedSegmentation& out) {
+  const HalfDepth& now = frames.back().half;
+  std::vector<std::uint8_t> taken(now.z.size(), 0);
+  for (const Instance& instance : out.segmentation.instances) {
+    const CellMask mask = cell_mask(instance, nullptr);
+    cv::Mat(now.height, now.width, CV_8UC1, taken.data())(mask.cells).setTo(1, mask.in);
+  }
   const double decay = std::pow(0.5, out.age / options.half_life);
-  for (std::size_t i = 0; i < carried.size(); ++i) {
-    CarriedInstance& one = carried[i];
-    if (one.instance.box.empty()) continue;
-    if (options.follow_depth) keep_depth(one.instance, to.depth_view(), depths[i]);
-    out.segmentation.instances.push_back(std::move(one.instance));
-    // What lost all its corners keeps half of what age leaves.
-    out.confidence.push_back(static_cast<float>(decay * (0.5 + 0.5 * one.tracked)));
+  for (const RevealedThing& thing :
+       revealed_things(frames[place].half, now, source->instances, corners, options.depth, taken)) {
+    Instance instance = source->instances[thing.hider];
+    instance.label = 0;
+    paint_cells(thing.mask, full, instance);
+    if (instance.box.empty()) continue;
+    out.segmentation.instances.push_back(std::move(instance));
+    out.confidence.push_back(static_cast<float>(0.5 * decay));
   }
-  if (options.follow_depth) refiner.refine(out.segmentation, to.depth_view());
+}
+
+void MaskPropagator::Impl::carry_to_newest(std::size_t place, PropagatedSegmentation& out) {
+  corners.pairs = tracker.pairs_since(place);
+  corners.labels.clear();
+  for (const CornerPair& pair : corners.pairs) {
+    corners.labels.push_back(label_at(pair.from, source->instances));
+  }
+  if (!depth.empty()) {
+    surfaces_from_outside(frames.back().half, corners, options.depth, outside);
+  }
+  const std::vector<int> counts = count_corners(place);
+  const double decay = std::pow(0.5, out.age / options.half_life);
+  for (std::size_t i = 0; i < source->instances.size(); ++i) {
+    Instance instance;
+    double tracked = 0.0;
+    carry(i, place, instance, tracked);
+    if (instance.box.empty()) continue;
+    out.segmentation.instances.push_back(std::move(instance));
+    // What lost all its corners keeps half of what age leaves.
+    const double share = counts[i] > 0 ? tracked / counts[i] : 0.0;
+    out.confidence.push_back(static_cast<float>(decay * (0.5 + 0.5 * share)));
+  }
+  if (!depth.empty() && !frames[place].half.z.empty()) add_revealed(place, out);
 }
 
 void MaskPropagator::Impl::compute() {
@@ -152,7 +274,7 @@ void MaskPropagator::Impl::compute() {
     out.segmentation = *source;
     out.confidence.assign(source->instances.size(), 1.0F);
   } else {
-    carry_to_newest(out);
+    carry_to_newest(from, out);
   }
   result = std::move(out);
 }
@@ -161,7 +283,7 @@ MaskPropagator::MaskPropagator(const PropagationOptions& options)
     : impl_(std::make_unique<Impl>()) {
   options.validate();
   impl_->options = options;
-  impl_->refiner = DepthRefiner(options.depth);
+  impl_->tracker = CornerTracker(static_cast<std::size_t>(options.history), options.max_error_px);
 }
 MaskPropagator::~MaskPropagator() = default;
 MaskPropagator::MaskPropagator(MaskPropagator&&) noexcept = default;
@@ -173,12 +295,14 @@ void MaskPropagator::add_frame(const cv::Mat& image, const FrameInfo& frame) {
   if (!self.frames.empty()) {
     require(frame.index > self.frames.back().index, "MaskPropagator::add_frame", "frame.index",
             frame.index, "more than the last one, " + std::to_string(self.frames.back().index));
-    require(image.size() == self.frames.back().image.full, "MaskPropagator::add_frame", "image",
+    require(image.size() == self.full, "MaskPropagator::add_frame", "image",
             std::to_string(image.cols) + "x" + std::to_string(image.rows),
             "the size of the frames before");
   }
-  self.frames.push_back(
-      {frame.index, frame.timestamp, make_flow_image(image), copy_depth(frame.depth)});
+  self.full = image.size();
+  self.frames.push_back({frame.index, frame.timestamp, {}});
+  self.remember_depth(frame.depth);
+  self.tracker.add(make_flow_image(image), self.frames.back().half);
   while (self.frames.size() > static_cast<std::size_t>(self.options.history)) {
     self.frames.pop_front();
   }
@@ -189,14 +313,13 @@ bool MaskPropagator::set_segmentation(std::uint64_t index, Segmentation segmenta
   Impl& self = *impl_;
   const std::size_t place = self.place_of(index);
   if (place == self.frames.size() || (self.source && index < self.source_index)) return false;
-  const cv::Size size = self.frames[place].image.full;
+  const cv::Size size = self.full;
   require(segmentation.width == size.width && segmentation.height == size.height,
           "MaskPropagator::set_segmentation", "segmentation",
           std::to_string(segmentation.width) + "x" + std::to_string(segmentation.height),
           "the frames' size");
   self.source = std::move(segmentation);
   self.source_index = index;
-  self.start(place);
   self.result_is_fresh = false;
   return true;
 }

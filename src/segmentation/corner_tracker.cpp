@@ -1,0 +1,130 @@
+#include "segmentation/corner_tracker.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include <opencv2/imgproc.hpp>
+#include <opencv2/video/tracking.hpp>
+
+namespace dynslam::segmentation {
+namespace {
+
+constexpr int kMinCell = 8;       // half-resolution pixels between corners, at least
+constexpr double kCorners = 350;  // about so many in any image
+constexpr int kBorder = 3;
+// Of the strongest corner; weaker ones are noise. Lower than what a tracker of a few good corners
+// would take, because every part of the image is to have one.
+constexpr double kQuality = 0.002;
+
+int cell_size(cv::Size image) {
+  return std::max(kMinCell, static_cast<int>(std::sqrt(image.area() / kCorners)));
+}
+
+float depth_at(const std::vector<float>& z, cv::Size size, cv::Point2f at) {
+  if (z.empty()) return 0.0F;
+  const int x = std::clamp(static_cast<int>(std::lround(at.x)), 0, size.width - 1);
+  const int y = std::clamp(static_cast<int>(std::lround(at.y)), 0, size.height - 1);
+  return z[static_cast<std::size_t>(y) * static_cast<std::size_t>(size.width) +
+           static_cast<std::size_t>(x)];
+}
+
+}  // namespace
+
+std::vector<Corner> CornerTracker::follow(const FlowImage& image, const HalfDepth& depth) const {
+  std::vector<Corner> followed;
+  if (corners_.empty() || corners_.back().empty() || image.pyramid.empty()) return followed;
+  std::vector<cv::Point2f> start, end;
+  for (const Corner& corner : corners_.back()) {
+    start.push_back(corner.at);
+    end.push_back(corner.at + corner.step);
+  }
+  std::vector<std::uint8_t> found, found_back;
+  std::vector<float> error;
+  const cv::TermCriteria stop(cv::TermCriteria::COUNT + cv::TermCriteria::EPS, 15, 0.03);
+  cv::calcOpticalFlowPyrLK(last_.pyramid, image.pyramid, start, end, found, error, kFlowWindow,
+                           kFlowLevels, stop, cv::OPTFLOW_USE_INITIAL_FLOW);
+  std::vector<cv::Point2f> back = start;
+  cv::calcOpticalFlowPyrLK(image.pyramid, last_.pyramid, end, back, found_back, error, kFlowWindow,
+                           1, stop, cv::OPTFLOW_USE_INITIAL_FLOW);
+  const float limit = static_cast<float>(max_error_px_ / 2);
+  const cv::Size size = image.grey.size();
+  const cv::Rect2f inside(0, 0, static_cast<float>(size.width), static_cast<float>(size.height));
+  for (std::size_t i = 0; i < start.size(); ++i) {
+    const cv::Point2f d = back[i] - start[i];
+    if (found[i] == 0 || found_back[i] == 0 || !(d.dot(d) <= limit * limit)) continue;
+    if (!inside.contains(end[i])) continue;
+    const float before = depth_at(last_depth_, size, start[i]);
+    const float now = depth_at(depth.z, size, end[i]);
+    if (measured(before) && measured(now) && std::abs(now - before) > kMaxDepthJump * before) {
+      continue;
+    }
+    followed.push_back({end[i], end[i] - start[i], static_cast<int>(i)});
+  }
+  return followed;
+}
+
+// A new corner in every cell of the grid that has none.
+void CornerTracker::fill_gaps(const FlowImage& image, std::vector<Corner>& corners) const {
+  const cv::Size size = image.grey.size();
+  const int cell = cell_size(size);
+  const cv::Size grid((size.width + cell - 1) / cell, (size.height + cell - 1) / cell);
+  std::vector<int> count(static_cast<std::size_t>(grid.area()), 0);
+  std::vector<Corner> kept;
+  for (const Corner& corner : corners) {
+    const int x = static_cast<int>(corner.at.x) / cell;
+    const int y = static_cast<int>(corner.at.y) / cell;
+    // Where a thing comes before another, corners crowd; a few say as much.
+    if (++count[static_cast<std::size_t>(y * grid.width + x)] <= 3) kept.push_back(corner);
+  }
+  corners = std::move(kept);
+  cv::Mat strength;
+  cv::cornerMinEigenVal(image.grey, strength, 3);
+  double strongest = 0.0;
+  cv::minMaxLoc(strength, nullptr, &strongest);
+  const auto least = static_cast<float>(kQuality * strongest);
+  for (int gy = 0; gy < grid.height; ++gy) {
+    for (int gx = 0; gx < grid.width; ++gx) {
+      if (count[static_cast<std::size_t>(gy * grid.width + gx)] > 0) continue;
+      float best = least;
+      cv::Point at(-1, -1);
+      const int bottom = std::min((gy + 1) * cell, size.height - kBorder);
+      const int right = std::min((gx + 1) * cell, size.width - kBorder);
+      for (int y = std::max(gy * cell, kBorder); y < bottom; ++y) {
+        const float* row = strength.ptr<float>(y);
+        for (int x = std::max(gx * cell, kBorder); x < right; ++x) {
+          if (row[x] > best) {
+            best = row[x];
+            at = {x, y};
+          }
+        }
+      }
+      if (at.x >= 0) corners.push_back({cv::Point2f(at), cv::Point2f(0, 0), -1});
+    }
+  }
+}
+
+void CornerTracker::add(FlowImage image, const HalfDepth& depth) {
+  std::vector<Corner> corners = follow(image, depth);
+  if (!image.pyramid.empty()) fill_gaps(image, corners);
+  corners_.push_back(std::move(corners));
+  while (corners_.size() > history_) corners_.pop_front();
+  last_ = std::move(image);
+  last_depth_ = depth.z;
+}
+
+std::vector<CornerPair> CornerTracker::pairs_since(std::size_t place) const {
+  std::vector<CornerPair> pairs;
+  if (place >= corners_.size()) return pairs;
+  for (const Corner& corner : corners_.back()) {
+    const Corner* at = &corner;
+    std::size_t frame = corners_.size() - 1;
+    while (frame > place && at->previous >= 0) {
+      at = &corners_[--frame][static_cast<std::size_t>(at->previous)];
+    }
+    if (frame == place) pairs.push_back({at->at, corner.at});
+  }
+  return pairs;
+}
+
+}  // namespace dynslam::segmentation

@@ -1,0 +1,60 @@
+// Corners of the whole image, followed from frame to frame.
+#pragma once
+
+#include <cstddef>
+#include <deque>
+#include <vector>
+
+#include <opencv2/core.hpp>
+
+#include "segmentation/depth_window.hpp"
+#include "segmentation/mask_carrier.hpp"
+
+namespace dynslam::segmentation {
+
+/// A corner in a frame, half resolution.
+struct Corner {
+  cv::Point2f at;
+  cv::Point2f step;   ///< its last motion, to predict the next
+  int previous = -1;  ///< its place among the corners of the frame before, -1 = new
+};
+
+/// Where a corner was and where it is now, half resolution.
+struct CornerPair {
+  cv::Point2f from;
+  cv::Point2f to;
+};
+
+/// Follows a net of corners, about one in every square cell of a grid, through the last frames. So
+/// the work of a frame does not depend on how many masks there are, or on when they come.
+///
+/// A corner whose way back does not end where it began, or whose depth jumps by more than
+/// `kMaxDepthJump` (it slipped from a thing to what is behind), ends.
+class CornerTracker {
+ public:
+  CornerTracker(std::size_t history, double max_error_px)
+      : history_(history), max_error_px_(max_error_px) {}
+
+  /// The next frame; all of one size. `depth` has no cells if there is none. O(pixels + corners).
+  void add(FlowImage image, const HalfDepth& depth);
+
+  std::size_t frames() const { return corners_.size(); }
+
+  /// All corners of frame `place`.
+  const std::vector<Corner>& of_frame(std::size_t place) const { return corners_[place]; }
+
+  /// The corners that were seen in frame `place` (0 = the oldest) and in the newest.
+  std::vector<CornerPair> pairs_since(std::size_t place) const;
+
+ private:
+  std::vector<Corner> follow(const FlowImage& image, const HalfDepth& depth) const;
+  void fill_gaps(const FlowImage& image, std::vector<Corner>& corners) const;
+
+  std::size_t history_;
+  double max_error_px_;
+  std::deque<std::vector<Corner>> corners_;  // oldest frame first
+  FlowImage last_;
+  std::vector<float> last_depth_;
+};
+
+}  // namespace dynslam::segmentation
