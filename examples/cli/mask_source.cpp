@@ -1,7 +1,9 @@
 #include "mask_source.hpp"
 
+#include <algorithm>
 #include <chrono>
 #include <optional>
+#include <thread>
 #include <utility>
 
 #include "dynslam/core/opencv.hpp"
@@ -52,11 +54,16 @@ void add_segmenter_flags(CLI::App& command, RunFlags& flags) {
       ->capture_default_str();
 }
 
+int threads_beside_tracking() {
+  return std::max(1, static_cast<int>(std::thread::hardware_concurrency()) / 2);
+}
+
 MaskSource::MaskSource(const RunFlags& flags)
     : every_(flags.segment_every), policy_(policy_options(flags)) {
   if (flags.segmenter == "none" || flags.system == "baseline") return;
   segmentation::SegmenterFactoryOptions options;
   options.network.backend = segmentation::backend_from_name(flags.backend);
+  if (flags.asynchronous()) options.network.threads = threads_beside_tracking();
   segmenter_ = segmentation::make_segmenter(flags.segmenter, options);
   if (!flags.asynchronous()) return;
   worker_ = std::make_unique<segmentation::AsyncSegmenter>(std::move(segmenter_));

@@ -18,6 +18,9 @@ namespace dynslam::cli {
 /// --segmenter, --backend and what becomes of the masks.
 void add_segmenter_flags(CLI::App& command, RunFlags& flags);
 
+/// Threads for each of two that work at once: half of the cores.
+int threads_beside_tracking();
+
 class MaskSource {
  public:
   /// Loads the segmenter that the flags name; baseline has none. With `flags.asynchronous()` it

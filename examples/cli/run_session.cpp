@@ -110,7 +110,11 @@ std::size_t RunOutcome::count(const std::string& state) const {
 
 RunOutcome run_system(const dataset::Sequence& sequence, const RunFlags& flags) {
   require_depth("dynslam run", sequence);
-  if (flags.threads > 0) cv::setNumThreads(flags.threads);
+  if (flags.threads > 0) {
+    cv::setNumThreads(flags.threads);
+  } else if (flags.asynchronous()) {
+    cv::setNumThreads(threads_beside_tracking());
+  }
   RunOutcome outcome;
   outcome.system = std::make_unique<slam::System>(sequence.camera(), system_options(flags));
   MaskSource masks(flags);

@@ -8,6 +8,10 @@
 #include <thread>
 #include <utility>
 
+#ifdef __linux__
+#include <sys/resource.h>
+#endif
+
 #include "dynslam/core/errors.hpp"
 
 namespace dynslam::segmentation {
@@ -15,6 +19,7 @@ namespace dynslam::segmentation {
 void AsyncOptions::validate() const {
   require(queue_capacity >= 1, "AsyncOptions", "queue_capacity", queue_capacity, "at least 1");
   require(result_capacity >= 1, "AsyncOptions", "result_capacity", result_capacity, "at least 1");
+  require(niceness >= 0 && niceness <= 19, "AsyncOptions", "niceness", niceness, "0 to 19");
 }
 
 namespace {
@@ -42,6 +47,15 @@ Job own(const cv::Mat& image, const FrameInfo& frame) {
   return job;
 }
 
+// On Linux the niceness belongs to the thread that calls. If it is refused, all stays as it was.
+void give_way(int niceness) {
+#ifdef __linux__
+  if (niceness > 0) setpriority(PRIO_PROCESS, 0, getpriority(PRIO_PROCESS, 0) + niceness);
+#else
+  static_cast<void>(niceness);
+#endif
+}
+
 }  // namespace
 
 struct AsyncSegmenter::Impl {
@@ -67,6 +81,7 @@ struct AsyncSegmenter::Impl {
 };
 
 void AsyncSegmenter::Impl::run() {
+  give_way(options.niceness);
   std::unique_lock<std::mutex> lock(mutex);
   while (true) {
     work.wait(lock, [this] { return status.stopped || !queue.empty(); });

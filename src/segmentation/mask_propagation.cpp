@@ -21,8 +21,6 @@ namespace dynslam::segmentation {
 void PropagationOptions::validate() const {
   require(history >= 2 && history <= 1000, "PropagationOptions", "history", history,
           "2 to 1000 frames");
-  require(max_points >= 4 && max_points <= 10000, "PropagationOptions", "max_points", max_points,
-          "4 to 10000");
   require(std::isfinite(max_error_px) && max_error_px > 0.0, "PropagationOptions", "max_error_px",
           max_error_px, "a positive number of pixels");
   require(max_age >= 1, "PropagationOptions", "max_age", max_age, "at least 1 frame");

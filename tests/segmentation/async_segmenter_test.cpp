@@ -1,5 +1,6 @@
 #include "dynslam/segmentation/async_segmenter.hpp"
 
+#include <algorithm>
 #include <atomic>
 #include <condition_variable>
 #include <functional>
@@ -9,6 +10,9 @@
 #include <thread>
 
 #include <gtest/gtest.h>
+#ifdef __linux__
+#include <sys/resource.h>
+#endif
 
 #include "dynslam/core/errors.hpp"
 #include "dynslam/segmentation/simple_segmenters.hpp"
@@ -217,7 +221,25 @@ TEST(AsyncOptions, AreCheckedByName) {
   options = {};
   options.result_capacity = 0;
   EXPECT_THROW(options.validate(), InvalidArgument);
+  options = {};
+  options.niceness = 20;
+  EXPECT_THROW(options.validate(), InvalidArgument);
 }
+
+#ifdef __linux__
+TEST(AsyncSegmenter, GivesWayToItsCaller) {
+  const int here = getpriority(PRIO_PROCESS, 0);
+  std::atomic<int> there{-100};
+  AsyncOptions options;
+  options.niceness = 3;
+  AsyncSegmenter async(scripted([&](const FrameInfo&) { there = getpriority(PRIO_PROCESS, 0); }),
+                       options);
+  async.submit(image_of(1), frame_of(1));
+  ASSERT_TRUE(async.wait_idle(seconds(20)));
+  EXPECT_EQ(there.load(), std::min(here + 3, 19));
+  EXPECT_EQ(getpriority(PRIO_PROCESS, 0), here);
+}
+#endif
 
 TEST(AsyncSegmenter, StartsAndStopsAThousandTimesInRandomStates) {
   std::mt19937 random(17);

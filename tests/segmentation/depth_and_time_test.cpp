@@ -391,7 +391,9 @@ TEST(MaskPropagator, GivesAMaskOfTheNewestFrameAsItIs) {
 
 TEST(MaskPropagator, PrefersTheNewerSegmentation) {
   const Scene scene;
-  MaskPropagator propagator;
+  PropagationOptions options;
+  options.history = 8;
+  MaskPropagator propagator(options);
   for (std::size_t i = 0; i < 12; ++i) propagator.add_frame(scene.image, frame_of(i, scene));
   EXPECT_FALSE(propagator.set_segmentation(2, of_mask(scene.person))) << "forgotten";
   EXPECT_FALSE(propagator.set_segmentation(99, of_mask(scene.person))) << "never seen";
@@ -428,7 +430,6 @@ TEST(PropagationOptions, AreCheckedByName) {
     EXPECT_NE(message.find(name), std::string::npos) << name << ": " << message;
   };
   refused("history", [](auto& o) { o.history = 1; });
-  refused("max_points", [](auto& o) { o.max_points = 3; });
   refused("max_error_px", [](auto& o) { o.max_error_px = 0.0; });
   refused("max_age", [](auto& o) { o.max_age = 0; });
   refused("half_life", [](auto& o) { o.half_life = -1.0; });

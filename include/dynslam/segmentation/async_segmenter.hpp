@@ -33,10 +33,15 @@ struct AsyncStatus {
   std::uint64_t last_failed_index = 0;  ///< `FrameInfo::index` of the frame it happened at
 };
 
-/// How many frames wait.
+/// How many frames wait, and what the worker may take.
 struct AsyncOptions {
   int queue_capacity = 1;   ///< frames that may wait, >= 1; a newer one pushes the oldest out
   int result_capacity = 8;  ///< results kept for `take`, >= 1; a newer one pushes the oldest out
+  /// By how much the worker gives way to other threads that want its core, 0 (not at all) .. 19, as
+  /// nice(1); Linux, elsewhere nothing happens. A network needs a core for most of the time between
+  /// two frames, tracking for a part of it at once (engineering). Threads that the segmenter has of
+  /// its own (ONNX Runtime with more than one) do not hear of it.
+  int niceness = 5;
 
   /// Throws InvalidArgument naming the member that breaks its rule.
   void validate() const;

@@ -22,8 +22,7 @@ inline DepthRefinementOptions carried_depth_options() {
 
 /// How masks are carried.
 struct PropagationOptions {
-  int history = 8;            ///< frames kept, >= 2: a mask may be at most one less frames late
-  int max_points = 60;        ///< tracked per instance, >= 4 (engineering)
+  int history = 16;           ///< frames kept, >= 2: a mask may be at most one less frames late
   double max_error_px = 1.5;  ///< forward-backward error of a tracked point, > 0 (Kalal 2010)
   int max_age = 15;           ///< frames after which an instance is given up, >= 1
   double half_life = 5.0;     ///< frames in which confidence halves, > 0 (engineering)
@@ -49,10 +48,16 @@ struct PropagatedSegmentation {
 
 /// Remembers the last frames and carries the newest segmentation to the newest of them.
 ///
-/// Inside every instance corners are tracked from its source frame to the newest (pyramidal
-/// Lucas-Kanade, forward and backward); the mask follows the smooth field of their motion, then the
-/// depth of the newest frame. An instance without tracked points keeps its place and loses
-/// confidence faster.
+/// A net of corners is followed from every frame to the next (pyramidal Lucas-Kanade, forward and
+/// backward), whether masks come or not, so that the work of a frame is always the same. A mask
+/// follows the smooth field of the motion of the corners inside it; then the depth of the newest
+/// frame: out goes what is at another depth than the one carried along, and the surfaces that were
+/// outside all masks at the source; in come the surfaces that continue the mask, as in
+/// `DepthRefiner`, and without a limit of size where the source could not see (behind something
+/// nearer, outside the image). Things that come out from behind an instance and stand before their
+/// surroundings are added as instances of its class with `label` 0 and half its confidence: nobody
+/// has judged them yet. An instance without tracked corners keeps its place and loses confidence
+/// faster.
 ///
 /// Not thread-safe: call it from the tracking thread, with results of `AsyncSegmenter::take`.
 class MaskPropagator {
@@ -63,8 +68,9 @@ class MaskPropagator {
   MaskPropagator(MaskPropagator&&) noexcept;
   MaskPropagator& operator=(MaskPropagator&&) noexcept;
 
-  /// The next frame; `frame.index` must be larger than the last one's. Keeps a small grey copy and
-  /// the depth (1.7 MB a frame at 640x480). Throws InvalidArgument as `Segmenter::segment` does,
+  /// The next frame; `frame.index` must be larger than the last one's. Keeps a small grey copy of
+  /// the newest frame and its depth, and for every remembered one the depth at half resolution
+  /// (0.4 MB at 640x480). Throws InvalidArgument as `Segmenter::segment` does,
   /// for an index that does not grow, and for another image size than before. O(pixels).
   void add_frame(const cv::Mat& image, const FrameInfo& frame);
 
