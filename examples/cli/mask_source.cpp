@@ -5,6 +5,7 @@
 #include <optional>
 #include <thread>
 #include <utility>
+#include <vector>
 
 #include "dynslam/core/opencv.hpp"
 #include "dynslam/segmentation/segmenter_factory.hpp"
@@ -97,7 +98,14 @@ void MaskSource::update_now(const dataset::Frame& frame, FrameRow& row) {
 void MaskSource::update_beside(const dataset::Frame& frame, FrameRow& row) {
   propagator_->add_frame(frame.color, info_of(frame));
   while (std::optional<segmentation::AsyncResult> result = worker_->take()) {
-    propagator_->set_segmentation(result->index, std::move(result->segmentation));
+    // Only what the mask will be made of is worth carrying.
+    segmentation::Segmentation& found = result->segmentation;
+    std::vector<segmentation::Instance> movers;
+    for (const std::size_t i : policy_.dynamic_instances(found, worker_->class_names())) {
+      movers.push_back(std::move(found.instances[i]));
+    }
+    found.instances = std::move(movers);
+    propagator_->set_segmentation(result->index, std::move(found));
   }
   worker_->submit(frame.color, info_of(frame));
   const std::optional<segmentation::PropagatedSegmentation> carried = propagator_->current();

@@ -41,7 +41,7 @@ std::vector<Corner> CornerTracker::follow(const FlowImage& image, const HalfDept
   }
   std::vector<std::uint8_t> found, found_back;
   std::vector<float> error;
-  const cv::TermCriteria stop(cv::TermCriteria::COUNT + cv::TermCriteria::EPS, 15, 0.03);
+  const cv::TermCriteria stop(cv::TermCriteria::COUNT + cv::TermCriteria::EPS, 10, 0.03);
   cv::calcOpticalFlowPyrLK(last_.pyramid, image.pyramid, start, end, found, error, kFlowWindow,
                            kFlowLevels, stop, cv::OPTFLOW_USE_INITIAL_FLOW);
   std::vector<cv::Point2f> back = start;
