@@ -213,6 +213,48 @@ float median_depth(const CellMask& mask) {
   return median_of(depths);
 }
 
+std::vector<CellMask> smooth_parts(const CellMask& mask, const DepthRefinementOptions& options,
+                                   int least) {
+  std::vector<CellMask> parts;
+  CellMask rest = mask;
+  rest.in = mask.in.clone();
+  const int width = mask.in.cols;
+  const int height = mask.in.rows;
+  std::vector<std::uint8_t> seen(mask.in.total(), 0);
+  std::vector<int> cells;
+  for (int start = 0; start < width * height; ++start) {
+    const auto usable = [&](int cell) {
+      return seen[static_cast<std::size_t>(cell)] == 0 && mask.in.data[cell] != 0 &&
+             measured(mask.z.ptr<float>()[cell]);
+    };
+    if (!usable(start)) continue;
+    cells.assign(1, start);
+    seen[static_cast<std::size_t>(start)] = 1;
+    for (std::size_t next = 0; next < cells.size(); ++next) {
+      int around[4];
+      const int count = neighbours(cells[next], width, height, around);
+      for (int i = 0; i < count; ++i) {
+        if (!usable(around[i]) || !one_surface(mask.z.ptr<float>()[around[i]],
+                                               mask.z.ptr<float>()[cells[next]], options)) {
+          continue;
+        }
+        seen[static_cast<std::size_t>(around[i])] = 1;
+        cells.push_back(around[i]);
+      }
+    }
+    if (cells.size() < static_cast<std::size_t>(least)) continue;
+    CellMask part = mask;
+    part.in = cv::Mat::zeros(mask.in.size(), CV_8UC1);
+    for (const int cell : cells) {
+      part.in.data[cell] = 255;
+      rest.in.data[cell] = 0;
+    }
+    parts.push_back(std::move(part));
+  }
+  parts.push_back(std::move(rest));
+  return parts;
+}
+
 void surfaces_from_outside(const HalfDepth& now, const CarriedCorners& corners,
                            const DepthRefinementOptions& options,
                            std::vector<std::uint8_t>& outside) {

@@ -23,6 +23,11 @@ float median_of(std::vector<float>& values);
 /// The median of the measured depths of a mask's cells, 0 = unknown.
 float median_depth(const CellMask& mask);
 
+/// A mask by the smooth surfaces under it: those of at least `least` cells, then all the rest,
+/// which may have no cell; every part keeps the whole mask's window. O(cells).
+std::vector<CellMask> smooth_parts(const CellMask& mask, const DepthRefinementOptions& options,
+                                   int least);
+
 /// Labelled corners of an older frame in the newest one, and the depths of both.
 struct CarriedCorners {
   std::vector<CornerPair> pairs;

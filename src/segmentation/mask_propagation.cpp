@@ -55,6 +55,9 @@ constexpr float kMaxCarriedJump = 0.07F;
 // What nothing but an occluder can have kept out of a mask may be many times what was seen.
 constexpr double kMaxHiddenGrowth = 8.0;
 
+constexpr std::size_t kEnoughCorners = 4;  // that a motion can be told from
+constexpr int kMinPart = 64;  // half-resolution cells of a surface that moves by itself
+
 struct Remembered {
   std::uint64_t index = 0;
   double timestamp = 0.0;
@@ -92,7 +95,9 @@ struct MaskPropagator::Impl {
   void remember_depth(DepthView view);
   std::vector<int> count_corners(std::size_t place) const;
   PointTracks tracks_of(std::size_t instance) const;
-  float depth_change(std::size_t instance, const HalfDepth& before) const;
+  float depth_change(const PointTracks& tracks, const HalfDepth& before) const;
+  CellMask move_parts(const CellMask& was, const PointTracks& all, const PointTracks& alike,
+                      cv::Point2f common, const HalfDepth* before) const;
   void drop_other_depths(CellMask& mask, float change) const;
   void fit(Instance& instance, bool with_hidden);
   void carry(std::size_t i, std::size_t place, Instance& instance, double& tracked);
@@ -133,18 +138,53 @@ PointTracks MaskPropagator::Impl::tracks_of(std::size_t instance) const {
   return tracks;
 }
 
-// How many times farther the instance is now than it was, by its corners; 1 if that is not known.
-float MaskPropagator::Impl::depth_change(std::size_t instance, const HalfDepth& before) const {
-  constexpr std::size_t kEnough = 4;
+// How many times farther the corners are now than they were; 1 if that is not known.
+float MaskPropagator::Impl::depth_change(const PointTracks& tracks, const HalfDepth& before) const {
   const HalfDepth& now = frames.back().half;
   std::vector<float> ratios;
-  for (std::size_t i = 0; i < corners.pairs.size(); ++i) {
-    if (corners.labels[i] != static_cast<int>(instance)) continue;
-    const float z0 = before.nearest(corners.pairs[i].from);
-    const float z1 = now.nearest(corners.pairs[i].to);
+  for (std::size_t i = 0; i < tracks.from.size(); ++i) {
+    const float z0 = before.nearest(tracks.from[i]);
+    const float z1 = now.nearest(tracks.to[i]);
     if (measured(z0) && measured(z1)) ratios.push_back(z1 / z0);
   }
-  return ratios.size() < kEnough ? 1.0F : median_of(ratios);
+  return ratios.size() < kEnoughCorners ? 1.0F : median_of(ratios);
+}
+
+// A mask may hold several things, each with a motion of its own (recorded masks, people side by
+// side): every smooth surface goes with its own corners if it has enough, else with
+// those that move alike.
+CellMask MaskPropagator::Impl::move_parts(const CellMask& was, const PointTracks& all,
+                                          const PointTracks& alike, cv::Point2f common,
+                                          const HalfDepth* before) const {
+  const cv::Size half((full.width + 1) / 2, (full.height + 1) / 2);
+  if (before == nullptr) return move_cells(was, alike, common, half);
+  CellMask whole;
+  whole.cells = cv::Rect(cv::Point(), half);
+  whole.in = cv::Mat::zeros(half, CV_8UC1);
+  for (const CellMask& part : smooth_parts(was, options.depth, kMinPart)) {
+    PointTracks own;
+    for (std::size_t i = 0; i < all.from.size(); ++i) {
+      const cv::Point cell = cv::Point(static_cast<int>(std::lround(all.from[i].x)),
+                                       static_cast<int>(std::lround(all.from[i].y))) -
+                             was.cells.tl();
+      if (!cv::Rect(cv::Point(), was.cells.size()).contains(cell)) continue;
+      if (part.in.at<std::uint8_t>(cell) == 0) continue;
+      own.from.push_back(all.from[i]);
+      own.to.push_back(all.to[i]);
+    }
+    cv::Point2f motion = common;
+    if (own.from.size() >= kEnoughCorners) {
+      motion = keep_the_common_motion(own);
+    } else {
+      own = alike;
+    }
+    CellMask moved = move_cells(part, own, motion, half);
+    if (moved.cells.empty()) continue;
+    drop_other_depths(moved, depth_change(own, *before));
+    cv::Mat place = whole.in(moved.cells);
+    cv::bitwise_or(place, moved.in, place);
+  }
+  return whole;
 }
 
 // Takes out what is at another depth than the carried one: what came before the instance, what it
@@ -188,16 +228,14 @@ void MaskPropagator::Impl::carry(std::size_t i, std::size_t place, Instance& ins
   const HalfDepth& before = frames[place].half;
   const bool deep = !depth.empty();
   const bool deep_before = deep && !before.z.empty();
-  PointTracks tracks = tracks_of(i);
-  tracked = static_cast<double>(tracks.from.size());
+  const PointTracks all = tracks_of(i);
+  tracked = static_cast<double>(all.from.size());
   cv::Point2f common(0, 0);
-  if (!tracks.from.empty()) common = keep_the_common_motion(tracks);
+  PointTracks alike = all;
+  if (!alike.from.empty()) common = keep_the_common_motion(alike);
   const CellMask was = cell_mask(source->instances[i], deep_before ? &before : nullptr);
-  CellMask mask =
-      move_cells(was, tracks, common, cv::Size((full.width + 1) / 2, (full.height + 1) / 2));
-  if (deep && !mask.cells.empty()) {
-    drop_other_depths(mask, deep_before ? depth_change(i, before) : 1.0F);
-  }
+  CellMask mask = move_parts(was, all, alike, common, deep_before ? &before : nullptr);
+  if (deep && !deep_before && !mask.cells.empty()) drop_other_depths(mask, 1.0F);
   instance = source->instances[i];
   paint_cells(mask, full, instance);
   if (!deep || instance.box.empty()) return;
