@@ -210,7 +210,6 @@ void MaskPropagator::Impl::drop_other_depths(CellMask& mask, float change) const
 void MaskPropagator::Impl::fit(Instance& instance, bool with_hidden) {
   HalfDepth& now = frames.back().half;
   if (!window.open(now, options.depth, instance)) return;
-  window.remove_what_does_not_belong();
   window.grow_beside_the_mask();
   if (with_hidden) {
     now.facing.swap(hidden);
