@@ -448,7 +448,7 @@ CLI::App* add_segment_command(CLI::App& app, std::function<int()>& run) {
       ->add_option(
           "SEGMENTER", options->segmenter,
           "none | yolo-seg:M.onnx | yolo:M.onnx | yolox:M.onnx | darknet:M.cfg,M.weights | "
-          "mask-rcnn:M.onnx | semantic:M.onnx | recorded:DIR")
+          "mask-rcnn:M.onnx | mask-rcnn:M.pb,M.pbtxt | semantic:M.onnx | recorded:DIR")
       ->required();
   CLI::Option* images = command->add_option("IMAGE", options->images, "image files");
   CLI::Option* tum = command->add_option("--tum", options->tum, "recording in TUM RGB-D layout");

@@ -1,6 +1,3 @@
-#include <algorithm>
-#include <map>
-#include <sstream>
 #include <utility>
 
 #include <opencv2/dnn.hpp>
@@ -9,64 +6,11 @@
 #include "dynslam/segmentation/decoders/yolo.hpp"
 #include "dynslam/segmentation/network_segmenters.hpp"
 
+#include "segmentation/darknet_cfg.hpp"
 #include "segmentation/loaded_model.hpp"
 #include "segmentation/sha256.hpp"
 
 namespace dynslam::segmentation {
-namespace {
-
-// What a cfg file says of its input and classes.
-struct DarknetCfg {
-  int width = 0;
-  int height = 0;
-  int classes = 0;
-};
-
-std::string trimmed(const std::string& text) {
-  const auto first = text.find_first_not_of(" \t\r");
-  if (first == std::string::npos) return "";
-  return text.substr(first, text.find_last_not_of(" \t\r") - first + 1);
-}
-
-int number_of(const std::string& text) {
-  int value = 0;
-  for (const char c : text) {
-    if (c < '0' || c > '9') return -1;
-    value = std::min(value * 10 + (c - '0'), 1000000);
-  }
-  return text.empty() ? -1 : value;
-}
-
-DarknetCfg read_cfg(const std::string& path, const std::string& text) {
-  DarknetCfg cfg;
-  std::istringstream stream(text);
-  std::string line;
-  std::string section;
-  while (std::getline(stream, line)) {
-    line = trimmed(line.substr(0, line.find('#')));
-    if (!line.empty() && line.front() == '[') section = line;
-    const std::size_t equals = line.find('=');
-    if (equals == std::string::npos) continue;
-    const std::string key = trimmed(line.substr(0, equals));
-    const int value = number_of(trimmed(line.substr(equals + 1)));
-    const bool net = section == "[net]" || section == "[network]";
-    const bool head = section == "[yolo]" || section == "[region]";
-    if (net && key == "width") cfg.width = value;
-    if (net && key == "height") cfg.height = value;
-    if (head && key == "classes") cfg.classes = value;
-  }
-  if (cfg.width < 1 || cfg.height < 1 || cfg.width > 8192 || cfg.height > 8192) {
-    throw_io_error(path,
-                   "is not a Darknet network: expected a [net] section with width and height");
-  }
-  if (cfg.classes < 1) {
-    throw_io_error(path, "is not a detector: expected a [yolo] section with classes");
-  }
-  return cfg;
-}
-
-}  // namespace
-
 struct DarknetSegmenter::Impl {
   NetworkOptions options;
   DarknetCfg cfg;
@@ -108,9 +52,10 @@ DarknetSegmenter::DarknetSegmenter(const std::string& cfg_file, const std::strin
   Impl& self = *impl_;
   self.options = options;
   const std::string cfg_text = read_file_bytes(cfg_file);
-  self.cfg = read_cfg(cfg_file, cfg_text);
+  self.cfg = read_darknet_cfg(cfg_file, cfg_text);
   self.weights = weights_file;
   const std::string bytes = read_file_bytes(weights_file);
+  require_whole_weights(weights_file, bytes, self.cfg);
   try {
     self.net =
         cv::dnn::readNetFromDarknet(cfg_text.data(), cfg_text.size(), bytes.data(), bytes.size());

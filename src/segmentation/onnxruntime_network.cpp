@@ -11,6 +11,7 @@
 #include "dynslam/segmentation/segmenter_factory.hpp"
 
 #include "segmentation/network.hpp"
+#include "segmentation/onnxruntime_library.hpp"
 
 namespace dynslam::segmentation {
 namespace {
@@ -22,22 +23,22 @@ struct Runtime {
   std::string problem;
 };
 
-Runtime load_runtime() {
+Runtime load_runtime(const std::vector<std::string>& libraries) {
   Runtime runtime;
   void* library = nullptr;
-  for (const char* name :
-       {DYNSLAM_ONNXRUNTIME_LIBRARY, "libonnxruntime.so.1", "libonnxruntime.so"}) {
-    library = dlopen(name, RTLD_NOW | RTLD_LOCAL);
+  for (const std::string& name : libraries) {
+    library = dlopen(name.c_str(), RTLD_NOW | RTLD_LOCAL);
     if (library != nullptr) break;
   }
   if (library == nullptr) {
-    runtime.problem = "the library libonnxruntime.so.1 was not found";
+    runtime.problem = "the library " + (libraries.empty() ? "" : libraries.back()) +
+                      " was not found, or cannot be loaded";
     return runtime;
   }
   using GetBase = const OrtApiBase* (*)();
   const auto get_base = reinterpret_cast<GetBase>(dlsym(library, "OrtGetApiBase"));
   if (get_base == nullptr) {
-    runtime.problem = "libonnxruntime.so has no OrtGetApiBase";
+    runtime.problem = "the library found has no OrtGetApiBase";
     return runtime;
   }
   runtime.api = get_base()->GetApi(ORT_API_VERSION);
@@ -45,14 +46,19 @@ Runtime load_runtime() {
     runtime.problem = std::string("the library found is version ") +
                       get_base()->GetVersionString() + ", built for 1." +
                       std::to_string(ORT_API_VERSION);
-    return runtime;
   }
-  Ort::InitApi(runtime.api);
+  return runtime;
+}
+
+Runtime load_and_use_runtime() {
+  Runtime runtime =
+      load_runtime({DYNSLAM_ONNXRUNTIME_LIBRARY, "libonnxruntime.so", "libonnxruntime.so.1"});
+  if (runtime.api != nullptr) Ort::InitApi(runtime.api);
   return runtime;
 }
 
 const Runtime& runtime() {
-  static const Runtime loaded = load_runtime();
+  static const Runtime loaded = load_and_use_runtime();
   return loaded;
 }
 
@@ -150,6 +156,10 @@ std::unique_ptr<Network> make_onnxruntime_network(const OnnxFile& file, InputSiz
   } catch (const Ort::Exception& error) {
     throw_io_error(file.path, "ONNX Runtime cannot load this network: " + first_line(error.what()));
   }
+}
+
+std::string onnxruntime_problem(const std::vector<std::string>& libraries) {
+  return load_runtime(libraries).problem;
 }
 
 bool backend_available(Backend backend) {

@@ -12,7 +12,7 @@ namespace {
 
 constexpr const char* kKinds =
     "none, yolo-seg:MODEL.onnx, yolo:MODEL.onnx, yolox:MODEL.onnx, darknet:NET.cfg,NET.weights, "
-    "mask-rcnn:MODEL.onnx, semantic:MODEL.onnx or recorded:FOLDER";
+    "mask-rcnn:MODEL.onnx, mask-rcnn:GRAPH.pb,GRAPH.pbtxt, semantic:MODEL.onnx or recorded:FOLDER";
 
 // Takes "@WIDTHxHEIGHT" off the end of a path.
 void take_size(std::string& path, NetworkOptions& options) {
@@ -28,13 +28,22 @@ void take_size(std::string& path, NetworkOptions& options) {
   path.resize(at);
 }
 
+// Torchvision's ONNX file, or TensorFlow's graph with or without its text.
+std::unique_ptr<Segmenter> make_mask_rcnn(const std::string& path, const NetworkOptions& options) {
+  const std::string graph = path.substr(0, path.find(','));
+  const bool tensorflow = graph.size() > 3 && graph.compare(graph.size() - 3, 3, ".pb") == 0;
+  if (!tensorflow) return std::make_unique<MaskRcnnSegmenter>(path, options);
+  const std::string config = graph.size() == path.size() ? "" : path.substr(graph.size() + 1);
+  return std::make_unique<MaskRcnnTensorflowSegmenter>(graph, config, options);
+}
+
 std::unique_ptr<Segmenter> make_network_segmenter(const std::string& kind, std::string path,
                                                   NetworkOptions options) {
   take_size(path, options);
   if (kind == "yolo-seg") return std::make_unique<YoloSegSegmenter>(path, options);
   if (kind == "yolo") return std::make_unique<BoxSegmenter>(path, BoxNetwork::kYolo, options);
   if (kind == "yolox") return std::make_unique<BoxSegmenter>(path, BoxNetwork::kYolox, options);
-  if (kind == "mask-rcnn") return std::make_unique<MaskRcnnSegmenter>(path, options);
+  if (kind == "mask-rcnn") return make_mask_rcnn(path, options);
   if (kind == "semantic") return std::make_unique<SemanticSegmenter>(path, options);
   if (kind == "darknet") {
     const std::size_t comma = path.find(',');

@@ -17,6 +17,9 @@
 // ONNX Runtime keeps a few bytes of its own at exit, which the leak sanitizer would count as ours.
 extern "C" const char* __lsan_default_suppressions() { return "leak:libonnxruntime.so\n"; }
 
+// OpenCV writes images with GDAL's help, whose own locks the thread sanitizer finds fault with.
+extern "C" const char* __tsan_default_suppressions() { return "deadlock:libgdal.so\n"; }
+
 namespace dynslam::segmentation {
 namespace {
 

@@ -40,7 +40,8 @@ class BoxSegmenter final : public Segmenter {
 class DarknetSegmenter final : public Segmenter {
  public:
   /// Throws IoError naming the file that cannot be read, has no [net] section with width and height
-  /// or no [yolo] section with classes, or that OpenCV refuses; InvalidArgument for bad options and
+  /// or no [yolo] section with classes, has fewer weights than the layers need, or that OpenCV
+  /// refuses; InvalidArgument for bad options and
   /// for another backend than OpenCV.
   DarknetSegmenter(const std::string& cfg_file, const std::string& weights_file,
                    const NetworkOptions& options = {});
@@ -57,12 +58,35 @@ class DarknetSegmenter final : public Segmenter {
 /// Mask R-CNN as torchvision exports it to ONNX: outputs boxes [n, 4] (network pixels: left, top,
 /// right, bottom), labels [n] (from 1; COCO's 91 numbers), scores [n], and masks [n, 1, m, m] (over
 /// the box, m = 28) or [n, 1, height, width] (over the network's input, pasted already).
-/// Needs ONNX Runtime: OpenCV cannot run such graphs.
+/// Needs ONNX Runtime: OpenCV cannot run such graphs (for OpenCV see MaskRcnnTensorflowSegmenter).
 class MaskRcnnSegmenter final : public Segmenter {
  public:
   /// Throws as `YoloSegSegmenter`.
   explicit MaskRcnnSegmenter(const std::string& model_file, const NetworkOptions& options = {});
   ~MaskRcnnSegmenter() override;
+  Segmentation segment(const cv::Mat& image, const FrameInfo& frame) override;
+  const std::vector<std::string>& class_names() const override;
+  SegmenterInfo info() const override;
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+/// Mask R-CNN of TensorFlow's object detection API (mask_rcnn_inception_v2_coco and the like), as
+/// OpenCV reads it: a frozen graph and the text graph that OpenCV's tf_text_graph_mask_rcnn.py
+/// makes for it. Layers detection_out_final [1, 1, n, 7] (image, class from 0, score, left, top,
+/// right, bottom as shares of the input) and detection_masks [n, classes, m, m] (over the box).
+/// The image is stretched to the input, RGB 0..255. OpenCV only.
+class MaskRcnnTensorflowSegmenter final : public Segmenter {
+ public:
+  /// `config_file` may be empty for a graph that OpenCV understands without. The input is 800 x 800
+  /// pixels unless the options say otherwise. Throws IoError naming the file that cannot be read or
+  /// that OpenCV refuses, and for other outputs; InvalidArgument for bad options, another backend,
+  /// and for class names of another number than the masks have.
+  MaskRcnnTensorflowSegmenter(const std::string& graph_file, const std::string& config_file,
+                              const NetworkOptions& options = {});
+  ~MaskRcnnTensorflowSegmenter() override;
   Segmentation segment(const cv::Mat& image, const FrameInfo& frame) override;
   const std::vector<std::string>& class_names() const override;
   SegmenterInfo info() const override;

@@ -27,6 +27,7 @@ struct SegmenterFactoryOptions {
 ///     yolox:MODEL.onnx               YOLOX: boxes, masks from depth
 ///     darknet:NET.cfg,NET.weights    YOLOv4-tiny and the like: boxes, masks from depth
 ///     mask-rcnn:MODEL.onnx           Mask R-CNN of torchvision (needs ONNX Runtime)
+///     mask-rcnn:GRAPH.pb,GRAPH.pbtxt Mask R-CNN of TensorFlow, as OpenCV reads it
 ///     semantic:MODEL.onnx            DeepLab and the like
 ///     recorded:FOLDER                masks from files, one PNG a frame
 ///

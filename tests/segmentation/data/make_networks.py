@@ -244,3 +244,173 @@ for anchor in range(3):
 count = 18 * 3 * 8 * 8
 header = struct.pack("<iiiq", 0, 2, 5, 0)
 write("tiny_darknet.weights", header + struct.pack("<18f", *biases) + struct.pack("<%df" % count, *([0.0] * count)))
+
+# ------------------------------------------------------------------------- YOLOv4-tiny, Darknet
+# The layers of yolov4-tiny.cfg with an eighth of the filters or less, 64 x 64 pixels and one class.
+# All weights are 0; the last convolutions' biases make one anchor of each head see something.
+ANCHORS = "anchors=4,6, 8,12, 10,10, 20,24, 30,30, 50,60"
+
+
+def convolution(filters, size=3, stride=1, last=False):
+    lines = ["[convolutional]"] + ([] if last else ["batch_normalize=1"])
+    lines += ["filters=%d" % filters, "size=%d" % size, "stride=%d" % stride, "pad=1"]
+    return lines + ["activation=%s" % ("linear" if last else "leaky"), ""]
+
+
+def route(layers, *more):
+    return ["[route]", "layers=" + layers] + list(more) + [""]
+
+
+def yolo(mask):
+    return ["[yolo]", "mask=" + mask, ANCHORS, "classes=1", "num=6", "jitter=.3", "scale_x_y = 1.05",
+            "ignore_thresh=.7", "nms_kind=greedynms", "beta_nms=0.6", ""]
+
+
+def csp_block(filters):
+    return (convolution(2 * filters) + route("-1", "groups=2", "group_id=1") + convolution(filters) +
+            convolution(filters) + route("-1,-2") + convolution(2 * filters, 1) + route("-6,-1") +
+            ["[maxpool]", "size=2", "stride=2", ""])
+
+
+cfg = ["[net]", "width=64", "height=64", "channels=3", ""]
+cfg += convolution(2, 3, 2) + convolution(4, 3, 2) + csp_block(2) + csp_block(4) + csp_block(8) + convolution(32)
+cfg += convolution(8, 1) + convolution(16) + convolution(18, 1, 1, True) + yolo("3,4,5")
+cfg += route("-4") + convolution(4, 1) + ["[upsample]", "stride=2", ""] + route("-1, 23")
+cfg += convolution(8) + convolution(18, 1, 1, True) + yolo("0,1,2")
+with open("tiny_yolov4.cfg", "w") as file:
+    file.write("# Layers of yolov4-tiny.cfg, narrow. Made by make_networks.py.\n" + "\n".join(cfg))
+
+
+def darknet_weights(lines, heads):
+    """Walks the layers as Darknet does; `heads`: the anchor (0 to 2) that each head sees."""
+    numbers, channels, at = [], [], {}
+    sections = []
+    for line in lines:
+        if line.startswith("["):
+            sections.append((line, {}))
+        elif "=" in line:
+            key, value = line.split("=", 1)
+            sections[-1][1][key.strip()] = value.strip()
+    for kind, values in sections[1:]:
+        before = channels[-1] if channels else 3
+        if kind == "[convolutional]":
+            filters, size = int(values["filters"]), int(values["size"])
+            if values.get("batch_normalize") == "1":
+                numbers += [0.0] * filters + [1.0] * filters + [0.0] * filters + [1.0] * filters
+            else:
+                seen = heads.pop(0)
+                for anchor in range(3):
+                    numbers += [0.0] * 4 + [4.0 if anchor == seen else -9.0, 4.0]
+            numbers += [0.0] * (filters * before * size * size)
+            channels.append(filters)
+        elif kind == "[route]":
+            layers = [int(v) for v in values["layers"].split(",")]
+            channels.append(sum(channels[v] for v in layers) // int(values.get("groups", 1)))
+        else:
+            channels.append(before)
+    return struct.pack("<iiiq", 0, 2, 5, 0) + struct.pack("<%df" % len(numbers), *numbers)
+
+
+write("tiny_yolov4.weights", darknet_weights(cfg, [0, 1]))
+
+
+# ------------------------------------------------------------------------- Mask R-CNN, torchvision, pasted
+def mask_rcnn_pasted():
+    """What torchvision really exports: masks over the whole input, and outputs named by numbers."""
+    width, height = 96, 64
+    masks = []
+    for i in range(2):
+        for y in range(height):
+            masks += [0.9 if 8 <= x < 24 and 8 <= y < 56 and i == 0 else 0.0 for x in range(width)]
+    weights = [
+        tensor("boxes_c", [2, 4], [8.0, 8.0, 40.0, 56.0, 50.0, 10.0, 60.0, 20.0]), tensor("labels", [2], [1, 18], INT64),
+        tensor("scores_c", [2], [0.95, 0.6]), tensor("masks_c", [2, 1, height, width], masks), tensor("zero", [1], [0.0]),
+    ]
+    nodes = [
+        node("ReduceMean", ["image"], ["mean"], axes=[0, 1, 2], keepdims=0), node("Mul", ["mean", "zero"], ["nothing"]),
+        node("Add", ["boxes_c", "nothing"], ["6568"]), node("Identity", ["labels"], ["6570"]),
+        node("Add", ["scores_c", "nothing"], ["6572"]), node("Add", ["masks_c", "nothing"], ["6887"]),
+    ]
+    graph = b"".join(message(1, n) for n in nodes) + message(2, "tiny")
+    graph += b"".join(message(5, w) for w in weights)
+    graph += message(11, value_info("image", [3, "height", "width"]))
+    graph += message(12, value_info("6568", ["n", 4])) + message(12, value_info_int64("6570", [2]))
+    graph += message(12, value_info("6572", ["n"])) + message(12, value_info("6887", ["n", 1, "height", "width"]))
+    return number(1, 8) + message(2, "dynslam tests") + message(7, graph) + message(8, message(1, "") + number(2, 13))
+
+
+write("tiny_mask_rcnn_pasted.onnx", mask_rcnn_pasted())
+
+
+# ------------------------------------------------------------------------- Mask R-CNN, TensorFlow
+# A GraphDef with the two layers that OpenCV's reading of the object detection API's graphs ends in
+# (field numbers from graph.proto, node_def.proto, attr_value.proto, tensor.proto).
+DT_FLOAT, DT_INT32 = 1, 3
+
+
+def tf_shape(dims):
+    return b"".join(message(2, number(1, d)) for d in dims)
+
+
+def tf_const(name, dims, values, kind=DT_FLOAT):
+    content = struct.pack("<%d%s" % (len(values), "f" if kind == DT_FLOAT else "i"), *values)
+    value = number(1, kind) + message(2, tf_shape(dims)) + message(4, content)
+    return tf_node("Const", name, [], dtype=number(6, kind), value=message(8, value))
+
+
+def tf_node(op, name, inputs, **attributes):
+    body = message(1, name) + message(2, op) + b"".join(message(3, i) for i in inputs)
+    return body + b"".join(message(5, message(1, k) + message(2, v)) for k, v in attributes.items())
+
+
+def tf_ints(values):
+    return message(1, b"".join(number(3, v) for v in values))
+
+
+FLOAT_TYPE = number(6, DT_FLOAT)
+CONV = dict(T=FLOAT_TYPE, strides=tf_ints([1, 1, 1, 1]), padding=message(2, "VALID"), data_format=message(2, "NHWC"))
+
+
+def tf_constant(name, values, size):
+    count = len(values)
+    return [
+        tf_const(name + "/w0", [size, size, 3, 1], [0.0] * (size * size * 3)),
+        tf_node("Conv2D", name + "/one", ["image_tensor", name + "/w0"], **CONV),
+        tf_const(name + "/w1", [1, 1, 1, count], [0.0] * count),
+        tf_node("Conv2D", name + "/flat", [name + "/one", name + "/w1"], **CONV),
+        tf_const(name + "/b1", [count], values),
+        tf_node("BiasAdd", name + "/biased", [name + "/flat", name + "/b1"], T=FLOAT_TYPE),
+    ]
+
+
+def tf_reshaped(name, source, shape):
+    return [tf_const(name + "/shape", [len(shape)], shape, DT_INT32),
+            tf_node("Reshape", name, [source, name + "/shape"], T=FLOAT_TYPE)]
+
+
+def tf_constant_boxes(name, values, size):
+    """1 x 1 x n x 7. OpenCV takes a Reshape to that for NHWC and turns it, so three dimensions are packed to four."""
+    nodes = tf_constant(name, values, size) + tf_reshaped(name + "/rows", name + "/biased", [1, len(values) // 7, 7])
+    return nodes + [tf_node("Pack", name, [name + "/rows"], axis=number(3, 0), N=number(3, 1), T=FLOAT_TYPE)]
+
+
+def mask_rcnn_tensorflow(boxes_name="detection_out_final", classes=3):
+    size = 32
+    rows = [[0, 0, 0.95, 0.25, 0.25, 0.75, 0.75], [0, 2, 0.6, 0.0, 0.5, 0.25, 1.0], [0, 1, 0.1, 0.0, 0.0, 1.0, 1.0]]
+    boxes = [float(v) for row in rows for v in row]
+    masks = []
+    for i in range(3):
+        for c in range(classes):
+            for y in range(15):
+                # Each detection's own class has the left or the right half, the others nothing.
+                own = c == rows[i][1]
+                masks += [0.9 if own and (x < 7) == (i == 0) else 0.1 for x in range(15)]
+    nodes = [tf_node("Placeholder", "image_tensor", [], dtype=FLOAT_TYPE, shape=message(7, tf_shape([1, size, size, 3])))]
+    nodes += tf_constant_boxes(boxes_name, boxes, size)
+    nodes += tf_constant("detection_masks", masks, size)
+    nodes += tf_reshaped("detection_masks", "detection_masks/biased", [3, classes, 15, 15])
+    return b"".join(message(1, n) for n in nodes)
+
+
+write("tiny_mask_rcnn_tensorflow.pb", mask_rcnn_tensorflow())
+write("tiny_other_tensorflow.pb", mask_rcnn_tensorflow("boxes"))
