@@ -189,4 +189,24 @@ int dilation_at_level(double patch_radius, double scale, int level) {
   return static_cast<int>(std::min(std::ceil(patch_radius * std::pow(scale, level)), 100.0));
 }
 
+std::vector<cv::Mat> masks_by_level(const cv::Mat& mask, double patch_radius, double scale,
+                                    int levels) {
+  require(!mask.empty() && mask.dims == 2 && mask.type() == CV_8UC1, "masks_by_level", "mask",
+          mask.empty() ? "an empty image" : cv::typeToString(mask.type()),
+          "CV_8UC1 in two dimensions");
+  require(levels >= 1, "masks_by_level", "levels", levels, "at least 1");
+  std::vector<cv::Mat> masks;
+  for (int level = 0; level < levels; ++level) {
+    cv::Mat wide = mask.clone();
+    dilate_mask(wide, dilation_at_level(patch_radius, scale, level));
+    const double shrink = std::pow(scale, level);
+    const cv::Size size(std::max(static_cast<int>(std::lround(mask.cols / shrink)), 1),
+                        std::max(static_cast<int>(std::lround(mask.rows / shrink)), 1));
+    cv::Mat small;
+    cv::resize(wide, small, size, 0, 0, cv::INTER_NEAREST);
+    masks.push_back(small);
+  }
+  return masks;
+}
+
 }  // namespace dynslam::segmentation

@@ -1,10 +1,12 @@
 #include "dynslam/segmentation/mask_policy.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <limits>
 
 #include <gtest/gtest.h>
 #include <opencv2/core.hpp>
+#include <opencv2/imgproc.hpp>
 
 #include "dynslam/core/errors.hpp"
 #include "dynslam/core/opencv.hpp"
@@ -98,6 +100,23 @@ TEST(DilationAtLevel, GrowsWithTheLevel) {
   EXPECT_THROW(dilation_at_level(-1.0, 1.2, 0), InvalidArgument);
   EXPECT_THROW(dilation_at_level(1.0, 0.9, 0), InvalidArgument);
   EXPECT_THROW(dilation_at_level(1.0, 1.2, -1), InvalidArgument);
+}
+
+TEST(MasksByLevel, KeepPatchesOfEveryLevelOffTheMask) {
+  cv::Mat mask = cv::Mat::zeros(120, 200, CV_8UC1);
+  mask.at<std::uint8_t>(60, 100) = 255;
+  const auto masks = masks_by_level(mask, 10.0, 1.5, 3);
+  ASSERT_EQ(masks.size(), 3U);
+  for (int level = 0; level < 3; ++level) {
+    const cv::Mat& here = masks[static_cast<std::size_t>(level)];
+    const double shrink = std::pow(1.5, level);
+    EXPECT_EQ(here.cols, std::lround(200 / shrink));
+    // Ten pixels of the level on each side, whatever the level.
+    EXPECT_NEAR(cv::boundingRect(here).width, 21, 2) << level;
+  }
+  EXPECT_THROW(masks_by_level(cv::Mat(), 1.0, 1.2, 1), InvalidArgument);
+  EXPECT_THROW(masks_by_level(cv::Mat(4, 4, CV_32F), 1.0, 1.2, 1), InvalidArgument);
+  EXPECT_THROW(masks_by_level(mask, 1.0, 1.2, 0), InvalidArgument);
 }
 
 TEST(MaskPolicy, KnowsBothSpellingsOfAClass) {

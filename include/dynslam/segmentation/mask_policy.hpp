@@ -96,4 +96,11 @@ void dilate_mask(cv::Mat& mask, int radius);
 /// radius or level or a scale below 1.
 int dilation_at_level(double patch_radius, double scale, int level);
 
+/// The mask for every level of an image pyramid: level l has the size round(size / scale^l) and is
+/// 255 where a patch of `patch_radius` pixels of that level would reach a dynamic pixel
+/// (`dilation_at_level`). `mask` is 8UC1. Throws InvalidArgument for another type, for fewer than
+/// one level, and as `dilation_at_level`. O(levels x pixels x radius).
+std::vector<cv::Mat> masks_by_level(const cv::Mat& mask, double patch_radius, double scale,
+                                    int levels);
+
 }  // namespace dynslam::segmentation
