@@ -11,6 +11,7 @@ set(dynslam_debian_package_CLI11 libcli11-dev)
 set(dynslam_debian_package_nlohmann_json nlohmann-json3-dev)
 set(dynslam_debian_package_GTest libgtest-dev)
 set(dynslam_debian_package_benchmark libbenchmark-dev)
+set(dynslam_debian_package_ZLIB zlib1g-dev)
 set(dynslam_debian_package_Threads libc6-dev)
 
 # dynslam_find_package("<name> [arguments of find_package]" [FOR <whom>] [RESULT <variable>])

@@ -6,7 +6,7 @@ packages=(
   # tools
   g++ clang libclang-rt-14-dev clang-format-14 clang-tidy-14 cmake ninja-build ccache git
   # what the library stands on: all of it for all rooms, Eigen alone for core
-  libeigen3-dev libopencv-dev libopencv-contrib-dev libceres-dev libsuitesparse-dev libhwy-dev
+  libeigen3-dev libopencv-dev libopencv-contrib-dev libceres-dev libsuitesparse-dev libhwy-dev zlib1g-dev
   # tests, benchmarks, the command line program, reports
   libgtest-dev libbenchmark-dev libcli11-dev nlohmann-json3-dev gnuplot-nox
 )

@@ -69,6 +69,12 @@ class BowVector {
   /// is not finite. O(size).
   void add(WordId word, double weight);
 
+  /// weight = function(weight), word by word in ascending order. O(size).
+  template <typename Function>
+  void transform_weights(Function function) {
+    for (double& weight : weights_) weight = function(weight);
+  }
+
   /// Divides all weights by the vector's norm; a vector whose norm is 0 stays as it is. O(size).
   void normalize(Norm norm);
 

@@ -72,7 +72,7 @@ class Vocabulary {
   int k() const;
   /// Depth that the tree was built for; no word lies deeper below the root.
   int levels() const;
-  /// Number of words.
+  /// Number of words; the numbers of words are below this. (Files of FBoW may leave numbers out.)
   std::size_t words() const;
   /// Number of nodes, with the root.
   std::size_t nodes() const;
@@ -83,12 +83,16 @@ class Vocabulary {
   /// Bytes that the vocabulary takes, in memory or mapped.
   std::size_t bytes() const;
 
+  /// Vectors are summed and L2-normalized in single precision, as FBoW does it: true for a file
+  /// that FBoW wrote.
+  bool single_precision() const;
+
   /// Weight of a word: its idf, or 1 with the weightings without idf. Throws InvalidArgument if
   /// there is no such word. O(1).
   double word_weight(WordId word) const;
 
-  /// The same tree with other rules for counting and comparing. Word weights stay as they are.
-  /// O(size of the vocabulary).
+  /// The same tree with other rules for counting and comparing. Word weights stay as they are,
+  /// vectors are in double precision. O(1), shares the memory.
   Vocabulary with(Weighting weighting, Scoring scoring) const;
 
   /// words[i] = word of descriptor i.
