@@ -93,7 +93,7 @@ VocabularyTree read_content(ByteSource& source, std::uint32_t nodes) {
     number_within(source, "type of a descriptor (0 is binary)", kBytes8U, kBytes8U);
     if (!table) {
       const std::uint64_t record = 28 + static_cast<std::uint64_t>(bytes);
-      if ((nodes - 1) * record > source.left() + 28)
+      if ((nodes - 1) * record - 28 > source.left())
         source.fail(std::to_string(nodes) + " nodes, the file ends before");
       table.emplace(source, bytes);
       if (source.left() != ~std::uint64_t{0}) table->reserve(nodes);

@@ -15,7 +15,7 @@ void BitCounter::flush() {
   if (waiting_ == 0) return;
   for (std::size_t w = 0; w < words_; ++w) {
     for (std::size_t p = 0; p < kPlanes; ++p) {
-      std::uint64_t& plane = planes_[p * words_ + w];
+      std::uint64_t& plane = plane_of(p, w);
       if (plane == 0) continue;
       for (std::size_t b = 0; b < 64; ++b) {
         counts_[w * 64 + b] += static_cast<std::uint32_t>(plane >> b & 1U) << p;

@@ -16,13 +16,11 @@ class BitCounter {
 
   void clear();
   void add(const std::uint64_t* descriptor) {
-    for (std::size_t w = 0; w < words_; ++w) {
-      std::uint64_t carry = descriptor[w];
-      for (std::size_t p = 0; p < kPlanes; ++p) {
-        std::uint64_t& plane = planes_[p * words_ + w];
-        const std::uint64_t both = plane & carry;
-        plane ^= carry;
-        carry = both;
+    if (words_ == 4) {
+      add_words<4>(descriptor, planes_.data());
+    } else {
+      for (std::size_t w = 0; w < words_; ++w) {
+        add_words<1>(descriptor + w, planes_.data() + kPlanes * w);
       }
     }
     ++added_;
@@ -37,6 +35,26 @@ class BitCounter {
  private:
   static constexpr std::size_t kPlanes = 8;
   static constexpr std::size_t kMostWaiting = (1U << kPlanes) - 1;
+
+  template <std::size_t kWords>
+  static void add_words(const std::uint64_t* descriptor, std::uint64_t* planes) {
+    std::uint64_t carry[kWords];
+    for (std::size_t w = 0; w < kWords; ++w) carry[w] = descriptor[w];
+    for (std::size_t p = 0; p < kPlanes; ++p, planes += kWords) {
+      std::uint64_t left = 0;
+      for (std::size_t w = 0; w < kWords; ++w) {
+        const std::uint64_t both = planes[w] & carry[w];
+        planes[w] ^= carry[w];
+        carry[w] = both;
+        left |= both;
+      }
+      if (left == 0) return;
+    }
+  }
+  /// Plane p of word w.
+  std::uint64_t& plane_of(std::size_t p, std::size_t w) {
+    return planes_[words_ == 4 ? 4 * p + w : kPlanes * w + p];
+  }
 
   void flush();
 

@@ -1,5 +1,6 @@
 #include "loop/vocabulary_block.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <cstdlib>
 #include <cstring>
@@ -21,7 +22,9 @@ std::string differs(const char* what, std::uint64_t got, std::uint64_t expected)
 
 std::uint64_t sum_of_header(BlockHeader header) {
   header.header_sum = 0;
-  return checksum(reinterpret_cast<const std::uint8_t*>(&header), sizeof(header));
+  Checksum sum;
+  sum.add(reinterpret_cast<const std::uint8_t*>(&header), sizeof(header));
+  return sum.value();
 }
 
 /// Counts and offsets of a header that says it is one of ours.
@@ -56,66 +59,100 @@ std::optional<std::string> problem_of_header(const BlockHeader& header, std::siz
   return std::nullopt;
 }
 
-/// Walks through the blocks one after the other.
+/// Walks through the blocks one after the other, as far as they were read.
 class TreeCheck {
  public:
   explicit TreeCheck(const VocabularyBlock& block)
       : block_(block), begins_(block.header.tree_bytes / 8 / 64 + 1, 0) {}
 
-  std::optional<std::string> operator()() {
-    const BlockHeader& header = block_.header;
-    std::size_t at = 0;
-    std::uint32_t next_child = 1;
-    for (std::uint32_t parent = 0; parent < header.parents; ++parent) {
-      if (at + 8 > header.tree_bytes) return where(at) + "lies behind the end of the tree";
-      if (at > 0 && !is_begin(at / 8)) return where(at) + "no link leads here";
-      const std::uint32_t children = word_at(at);
-      if (children < 1 || children > header.k)
-        return where(at) + "has " + text(children) + " children, expected 1 .. " + text(header.k);
-      const std::size_t size = block_bytes(children, block_.stride());
-      if (size > header.tree_bytes - at) return where(at) + "reaches behind the end of the tree";
-      if (word_at(at + 4) != next_child)
-        return where(at) + differs("number of the first child", word_at(at + 4), next_child);
-      next_child += children;
-      if (next_child > header.nodes) return where(at) + "has more children than there are nodes";
-      if (auto problem = check_links(at, children)) return problem;
-      at += size;
+  /// Looks at the blocks that begin before `limit` bytes of the tree.
+  void advance(std::size_t limit) {
+    while (at_ < limit && parent_ < block_.header.parents && !problem_) {
+      if (!check_block()) problem_ = problem_of_block();
     }
-    if (at != header.tree_bytes) return differs("end of the last block", at, header.tree_bytes);
-    if (next_child != header.nodes) return differs("number of nodes", next_child, header.nodes);
+  }
+
+  std::optional<std::string> finish() {
+    const BlockHeader& header = block_.header;
+    advance(header.tree_bytes);
+    if (problem_) return problem_;
+    if (parent_ != header.parents) return differs("number of blocks", parent_, header.parents);
+    if (at_ != header.tree_bytes) return differs("end of the last block", at_, header.tree_bytes);
+    if (child_ != header.nodes) return differs("number of nodes", child_, header.nodes);
     if (links_ != header.parents - 1U)
       return differs("links to blocks", links_, header.parents - 1U);
     return std::nullopt;
   }
 
  private:
-  std::optional<std::string> check_links(std::size_t at, std::uint32_t children) {
-    const std::size_t tree_units = block_.header.tree_bytes / 8;
-    for (std::uint32_t i = 0; i < children; ++i) {
-      const std::uint32_t link = word_at(at + 8 + 4 * std::size_t{i});
-      if ((link & kLeafBit) != 0) {
-        if ((link & ~kLeafBit) < block_.header.words) continue;
-        return where(at) + "word " + text(link & ~kLeafBit) + " of " + text(block_.header.words);
+  /// Takes a block if all is well with it. Runs for every parent of the tree: no texts here.
+  bool check_block() {
+    const BlockHeader& header = block_.header;
+    if (at_ + 8 > header.tree_bytes || (at_ > 0 && !is_begin(at_ / 8))) return false;
+    const std::uint32_t children = word_at(at_);
+    if (children < 1 || children > header.k || children > header.nodes - child_) return false;
+    const std::size_t size = block_bytes(children, block_.stride());
+    if (size > header.tree_bytes - at_ || word_at(at_ + 4) != child_) return false;
+    // Most blocks are words alone, of which the highest says enough.
+    std::uint32_t highest = 0;
+    for (std::uint32_t i = 0; i < children; ++i) highest = std::max(highest, link(i) - kLeafBit);
+    if (highest >= header.words) {
+      for (std::uint32_t i = 0; i < children; ++i) {
+        if (!take_link(link(i))) return false;
       }
-      if (link <= at / 8 || link >= tree_units)
-        return where(at) + "links to " + text(std::uint64_t{link} * 8) + ", expected a later block";
-      if (is_begin(link)) return where(at) + "a second link to " + text(std::uint64_t{link} * 8);
-      begins_[link / 64] |= std::uint64_t{1} << (link % 64);
-      ++links_;
     }
-    return std::nullopt;
+    child_ += children;
+    at_ += size;
+    ++parent_;
+    return true;
+  }
+
+  bool take_link(std::uint32_t to) {
+    if ((to & kLeafBit) != 0) return (to & ~kLeafBit) < block_.header.words;
+    if (to <= at_ / 8 || to >= block_.header.tree_bytes / 8 || is_begin(to)) return false;
+    begins_[to / 64] |= std::uint64_t{1} << (to % 64);
+    ++links_;
+    return true;
+  }
+
+  /// What check_block did not like; it stopped where it was.
+  std::string problem_of_block() const {
+    const BlockHeader& header = block_.header;
+    const std::string where = "block at " + text(at_) + " of the tree: ";
+    if (at_ + 8 > header.tree_bytes) return where + "lies behind the end of the tree";
+    if (at_ > 0 && !is_begin(at_ / 8)) return where + "no link leads here";
+    const std::uint32_t children = word_at(at_);
+    if (children < 1 || children > header.k)
+      return where + "has " + text(children) + " children, expected 1 .. " + text(header.k);
+    if (children > header.nodes - child_) return where + "has more children than there are nodes";
+    if (block_bytes(children, block_.stride()) > header.tree_bytes - at_)
+      return where + "reaches behind the end of the tree";
+    if (word_at(at_ + 4) != child_)
+      return where + differs("number of the first child", word_at(at_ + 4), child_);
+    for (std::uint32_t i = 0; i < children; ++i) {
+      const std::uint32_t to = link(i);
+      if ((to & kLeafBit) != 0 && (to & ~kLeafBit) >= header.words)
+        return where + "word " + text(to & ~kLeafBit) + " of " + text(header.words);
+      if ((to & kLeafBit) == 0 && (to <= at_ / 8 || to >= header.tree_bytes / 8))
+        return where + "links to " + text(std::uint64_t{to} * 8) + ", expected a later block";
+    }
+    return where + "links to a block that another link leads to";
   }
 
   bool is_begin(std::size_t unit) const { return (begins_[unit / 64] >> (unit % 64) & 1) != 0; }
+  std::uint32_t link(std::uint32_t i) const { return word_at(at_ + 8 + 4 * std::size_t{i}); }
   std::uint32_t word_at(std::size_t at) const {
     std::uint32_t word;
     std::memcpy(&word, block_.tree() + at, sizeof(word));
     return word;
   }
-  static std::string where(std::size_t at) { return "block at " + text(at) + " of the tree: "; }
 
   const VocabularyBlock& block_;
   std::vector<std::uint64_t> begins_;  // a bit for every place where a block may begin
+  std::optional<std::string> problem_;
+  std::size_t at_ = 0;        // of the next block
+  std::uint32_t parent_ = 0;  // blocks so far
+  std::uint32_t child_ = 1;   // number of the next child
   std::uint32_t links_ = 0;
 };
 
@@ -154,22 +191,46 @@ void lay_out(BlockHeader& header, bool with_ids) {
 }
 
 void seal(BlockHeader& header, Span<const std::uint8_t> body) {
-  header.body_sum = checksum(body.data(), body.size());
+  Checksum sum;
+  sum.add(body.data(), body.size());
+  header.body_sum = sum.value();
   header.header_sum = sum_of_header(header);
 }
 
-std::optional<std::string> problem_of_body(const VocabularyBlock& block) {
-  if (auto problem = TreeCheck(block)()) return problem;
+namespace {
+
+std::optional<std::string> problem_of_weights(const VocabularyBlock& block) {
   const double* weights = block.weights();
-  if (!all_weights_valid(weights, block.header.words)) {
-    for (std::uint32_t w = 0; w < block.header.words; ++w) {
-      if (std::isfinite(weights[w]) && weights[w] >= 0.0) continue;
-      return "weight of word " + text(w) + " is " + std::to_string(weights[w]) +
-             ", expected a finite number >= 0";
-    }
+  if (all_weights_valid(weights, block.header.words)) return std::nullopt;
+  for (std::uint32_t w = 0; w < block.header.words; ++w) {
+    if (std::isfinite(weights[w]) && weights[w] >= 0.0) continue;
+    return "weight of word " + text(w) + " is " + std::to_string(weights[w]) +
+           ", expected a finite number >= 0";
   }
+  return std::nullopt;
+}
+
+/// One pass over the bytes: a piece is summed, then its blocks are looked at while it is in the
+/// cache.
+std::optional<std::string> problem_of_body(const VocabularyBlock& block) {
+  constexpr std::size_t kPiece = 1U << 16;
+  const BlockHeader& header = block.header;
+  const std::uint8_t* body = block.memory.get() + sizeof(BlockHeader);
+  const std::size_t size = header.file_bytes - sizeof(BlockHeader);
+  Checksum sum;
+  TreeCheck tree(block);
+  for (std::size_t at = 0; at < size; at += kPiece) {
+    const std::size_t piece = std::min(kPiece, size - at);
+    sum.add(body + at, piece);
+    if (at < header.tree_bytes) tree.advance(at);  // what was summed by now is still near
+  }
+  if (sum.value() != header.body_sum) return "checksum of the content does not match";
+  if (auto problem = tree.finish()) return problem;
+  if (auto problem = problem_of_weights(block)) return problem;
   return problem_of_ids(block);
 }
+
+}  // namespace
 
 std::optional<std::string> problem_of(Span<const std::uint8_t> bytes) {
   VocabularyBlock block;
@@ -186,8 +247,6 @@ std::optional<std::string> problem_of(Span<const std::uint8_t> bytes) {
     return differs("version of the format", header.version, kBlockVersion);
   if (header.header_sum != sum_of_header(header)) return "checksum of the header does not match";
   if (auto problem = problem_of_header(header, bytes.size())) return "header: " + *problem;
-  if (header.body_sum != checksum(bytes.data() + sizeof(header), bytes.size() - sizeof(header)))
-    return "checksum of the content does not match";
   block.memory = {std::shared_ptr<void>(), bytes.data()};  // a view for the time of the check
   return problem_of_body(block);
 }

@@ -97,7 +97,4 @@ void seal(BlockHeader& header, Span<const std::uint8_t> body);
 /// at. Nothing: it is safe to walk.
 std::optional<std::string> problem_of(Span<const std::uint8_t> bytes);
 
-/// problem_of without the header's own fields and sums: links, weights, ids.
-std::optional<std::string> problem_of_body(const VocabularyBlock& block);
-
 }  // namespace dynslam::loop::detail

@@ -121,15 +121,16 @@ class Trainer {
       show();
     }
     constexpr std::size_t kNodesAtOnce = 32;
-    for_each_part((small.size() + kNodesAtOnce - 1) / kNodesAtOnce, options_.threads,
-                  [&](std::size_t part) {
-                    const std::size_t end = std::min((part + 1) * kNodesAtOnce, small.size());
-                    for (std::size_t i = part * kNodesAtOnce; i < end; ++i) {
-                      splits[small[i]] = split(level[small[i]], 1);
-                      report(level[small[i]].size());
-                    }
-                  },
-                  [this] { show(); });
+    detail::for_each_part((small.size() + kNodesAtOnce - 1) / kNodesAtOnce, options_.threads,
+                          [&](std::size_t part) {
+                            const std::size_t end =
+                                std::min((part + 1) * kNodesAtOnce, small.size());
+                            for (std::size_t i = part * kNodesAtOnce; i < end; ++i) {
+                              splits[small[i]] = split(level[small[i]], 1);
+                              report(level[small[i]].size());
+                            }
+                          },
+                          [this] { show(); });
   }
 
   /// Clusters a node's rows and sorts them by cluster.

@@ -161,15 +161,6 @@ void walk_target(const Walk& given, std::uint32_t* words, std::uint32_t* nodes) 
 // half is 0; keys change from stripe to stripe, so that stripes cannot change places.
 constexpr std::size_t kSumLanes = 8;
 constexpr std::uint64_t kSumStep = 0x9E3779B97F4A7C15U;
-constexpr std::uint64_t kSumKeys[kSumLanes] = {
-    0xB5026F5AA96619E9U, 0x3C6EF372FE94F82BU, 0x78DDE6E4B4F1A3C1U, 0xA54FF53A5F1D36F1U,
-    0x510E527FADE682D1U, 0x9B05688C2B3E6C1FU, 0x1F83D9ABFB41BD6BU, 0x5BE0CD19137E2179U};
-
-std::uint64_t mix(std::uint64_t v) {
-  v = (v ^ (v >> 33)) * 0xFF51AFD7ED558CCDU;
-  v = (v ^ (v >> 33)) * 0xC4CEB9FE1A85EC53U;
-  return v ^ (v >> 33);
-}
 
 #if HWY_TARGET == HWY_SCALAR
 void sum_stripes(const std::uint8_t* bytes, std::size_t stripes, std::uint64_t* keys,
@@ -207,12 +198,10 @@ void sum_stripes(const std::uint8_t* bytes, std::size_t stripes, std::uint64_t* 
 }
 #endif
 
-std::uint64_t checksum_target(const std::uint8_t* bytes, std::size_t size) {
-  constexpr std::size_t kStripe = 8 * kSumLanes;
+void checksum_target(const std::uint8_t* bytes, std::size_t size, std::uint64_t* keys,
+                     std::uint64_t* sums) {
+  constexpr std::size_t kStripe = Checksum::kStripe;
   constexpr std::size_t kPiece = 256;  // stripes that stay in the first cache between passes
-  std::uint64_t keys[kSumLanes];
-  std::uint64_t sums[kSumLanes] = {};
-  std::copy(kSumKeys, kSumKeys + kSumLanes, keys);
   std::size_t left = size / kStripe;
   while (left > 0) {
     const std::size_t piece = std::min(left, kPiece);
@@ -220,12 +209,10 @@ std::uint64_t checksum_target(const std::uint8_t* bytes, std::size_t size) {
     bytes += piece * kStripe;
     left -= piece;
   }
+  if (size % kStripe == 0) return;
   alignas(64) std::uint8_t rest[kStripe] = {};
   std::memcpy(rest, bytes, size % kStripe);
   sum_stripes(rest, 1, keys, sums);
-  std::uint64_t total = mix(size);
-  for (const std::uint64_t sum : sums) total = mix(total ^ sum) * kSumStep;
-  return total;
 }
 
 bool weights_valid_target(const double* weights, std::size_t count) {
@@ -289,8 +276,9 @@ std::uint64_t lower_target(const std::uint64_t* descriptors, std::size_t words,
 void walk_entry(const Walk& walk, std::uint32_t* words, std::uint32_t* nodes) {
   walk_target(walk, words, nodes);
 }
-std::uint64_t checksum_entry(const std::uint8_t* bytes, std::size_t size) {
-  return checksum_target(bytes, size);
+void checksum_entry(const std::uint8_t* bytes, std::size_t size, std::uint64_t* keys,
+                    std::uint64_t* sums) {
+  checksum_target(bytes, size, keys, sums);
 }
 bool weights_valid_entry(const double* weights, std::size_t count) {
   return weights_valid_target(weights, count);
@@ -323,8 +311,32 @@ void walk_down(const Walk& walk, std::uint32_t* words, std::uint32_t* nodes) {
   HWY_DYNAMIC_DISPATCH(walk_entry)(walk, words, nodes);
 }
 
-std::uint64_t checksum(const std::uint8_t* bytes, std::size_t size) {
-  return HWY_DYNAMIC_DISPATCH(checksum_entry)(bytes, size);
+namespace {
+
+constexpr std::uint64_t kFirstKeys[8] = {
+    0xB5026F5AA96619E9U, 0x3C6EF372FE94F82BU, 0x78DDE6E4B4F1A3C1U, 0xA54FF53A5F1D36F1U,
+    0x510E527FADE682D1U, 0x9B05688C2B3E6C1FU, 0x1F83D9ABFB41BD6BU, 0x5BE0CD19137E2179U};
+
+/// The finalizer of MurmurHash3 (Appleby, public domain).
+std::uint64_t mix(std::uint64_t v) {
+  v = (v ^ (v >> 33)) * 0xFF51AFD7ED558CCDU;
+  v = (v ^ (v >> 33)) * 0xC4CEB9FE1A85EC53U;
+  return v ^ (v >> 33);
+}
+
+}  // namespace
+
+Checksum::Checksum() { std::copy(std::begin(kFirstKeys), std::end(kFirstKeys), keys_); }
+
+void Checksum::add(const std::uint8_t* bytes, std::size_t size) {
+  HWY_DYNAMIC_DISPATCH(checksum_entry)(bytes, size, keys_, sums_);
+  size_ += size;
+}
+
+std::uint64_t Checksum::value() const {
+  std::uint64_t total = mix(size_);
+  for (const std::uint64_t sum : sums_) total = mix(total ^ sum) * 0x9E3779B97F4A7C15U;
+  return total;
 }
 
 bool all_weights_valid(const double* weights, std::size_t count) {

@@ -25,7 +25,20 @@ struct Walk {
 void walk_down(const Walk& walk, std::uint32_t* words, std::uint32_t* nodes);
 
 /// 64 bits that change when a bit of the bytes does, or their order. Not against intent.
-std::uint64_t checksum(const std::uint8_t* bytes, std::size_t size);
+class Checksum {
+ public:
+  static constexpr std::size_t kStripe = 64;
+
+  Checksum();
+  /// Whole stripes, unless nothing follows.
+  void add(const std::uint8_t* bytes, std::size_t size);
+  std::uint64_t value() const;
+
+ private:
+  std::uint64_t keys_[8];
+  std::uint64_t sums_[8] = {};
+  std::uint64_t size_ = 0;
+};
 
 /// Whether all are finite and not negative.
 bool all_weights_valid(const double* weights, std::size_t count);
