@@ -3,7 +3,9 @@
 // for each child a u32 and its f32 weight. The u32 is 0x80000000 | word, or the child's own block.
 //
 // Words are not always numbered without gaps, levels, weighting and scoring are not said. In our
-// own files they stand behind the end of the descriptor's name, which has 50 characters.
+// own files they stand behind the end of the descriptor's name, which has 50 characters; and if
+// weights are no floats, they follow the blocks as f64, one for each word number. FBoW looks at
+// neither.
 #include <algorithm>
 #include <cstring>
 #include <string>
@@ -45,12 +47,13 @@ static_assert(sizeof(Parameters) == 120 && offsetof(Parameters, k) == 112);
 /// What the format has no room for, at the end of the name.
 struct NameTail {
   char mark[8];
+  std::uint32_t words;  // weights behind the blocks, or 0
   std::uint8_t levels;
   std::uint8_t weighting;
   std::uint8_t scoring;
   std::uint8_t single_precision;
 };
-static_assert(sizeof(NameTail) == 12);
+static_assert(sizeof(NameTail) == 16);
 constexpr char kTailMark[8] = {'d', 'y', 'n', 's', 'l', 'a', 'm', '1'};
 constexpr std::size_t kTailOffset = kNameBytes - sizeof(NameTail);
 
@@ -103,10 +106,10 @@ class FbowReader {
       source_.read_exactly(block.data(), block.size(), "a block");
       add_block(b, block.data());
     }
-    std::uint8_t more = 0;
-    if (source_.read(&more, 1) != 0) source_.fail("more bytes behind the last block");
     connect();
     read_tail();
+    std::uint8_t more = 0;
+    if (source_.read(&more, 1) != 0) source_.fail("more bytes behind the content");
     return std::move(tree_);
   }
 
@@ -186,12 +189,28 @@ class FbowReader {
       tree_.weighting = static_cast<Weighting>(tail.weighting);
       tree_.scoring = static_cast<Scoring>(tail.scoring);
       tree_.single_precision = tail.single_precision != 0;
+      read_weights(tail.words);
       return;
     }
     tree_.weighting = Weighting::kTfIdf;
     tree_.scoring = Scoring::kL2;
     tree_.single_precision = true;
     tree_.levels = depth();
+  }
+
+  /// Weights that are no floats.
+  void read_weights(std::uint32_t words) {
+    if (words == 0) return;
+    if (words * std::uint64_t{8} > source_.left() || words > 8 * tree_.nodes())
+      source_.fail(std::to_string(words) + " weights behind the blocks, the file ends before");
+    std::vector<double> weights(words);
+    source_.read_exactly(weights.data(), words * sizeof(double), "the weights behind the blocks");
+    for (std::size_t row = 1; row < tree_.nodes(); ++row) {
+      if (tree_.words[row] == kNoWord) continue;
+      if (tree_.words[row] >= words)
+        source_.fail("word " + std::to_string(tree_.words[row]) + " of " + std::to_string(words));
+      tree_.weights[row] = weights[tree_.words[row]];
+    }
   }
 
   /// Most steps from the root to a row; kMaxLevels where there are cycles, which are found later.
@@ -219,12 +238,29 @@ class FbowReader {
   std::vector<std::pair<std::uint32_t, std::uint32_t>> links_;  // block, row
 };
 
-Parameters parameters_of(const VocabularyTree& tree, std::uint32_t blocks) {
+/// f64 weights by word if some of them are no floats, nothing otherwise.
+std::vector<double> exact_weights(const VocabularyTree& tree) {
+  std::vector<double> weights;
+  bool exact = true;
+  for (std::size_t row = 1; row < tree.nodes(); ++row) {
+    const WordId word = tree.words[row];
+    if (word == kNoWord) continue;
+    const double weight = tree.weights[row];
+    exact = exact && weight <= 3.4e38 && static_cast<double>(static_cast<float>(weight)) == weight;
+    if (word >= weights.size()) weights.resize(word + std::size_t{1}, 0.0);
+    weights[word] = weight;
+  }
+  if (exact) weights.clear();
+  return weights;
+}
+
+Parameters parameters_of(const VocabularyTree& tree, std::uint32_t blocks, std::size_t weights) {
   Parameters p{};
   const char name[] = "binary";
   std::memcpy(p.name, name, sizeof(name));
   NameTail tail{};
   std::memcpy(tail.mark, kTailMark, sizeof(kTailMark));
+  tail.words = static_cast<std::uint32_t>(weights);
   tail.levels = static_cast<std::uint8_t>(tree.levels);
   tail.weighting = static_cast<std::uint8_t>(tree.weighting);
   tail.scoring = static_cast<std::uint8_t>(tree.scoring);
@@ -265,7 +301,9 @@ void write_fbow(const VocabularyTree& tree, FileSink& sink) {
   std::vector<std::uint32_t> block_of_row(tree.nodes(), 0);
   for (std::uint32_t b = 0; b < parents.size(); ++b) block_of_row[parents[b]] = b;
 
-  const Parameters p = parameters_of(tree, static_cast<std::uint32_t>(parents.size()));
+  const std::vector<double> weights = exact_weights(tree);
+  const Parameters p =
+      parameters_of(tree, static_cast<std::uint32_t>(parents.size()), weights.size());
   sink.number(kFbowMagic);
   sink.number(p);
   const std::size_t bytes = static_cast<std::size_t>(tree.descriptor_bytes);
@@ -280,7 +318,8 @@ void write_fbow(const VocabularyTree& tree, FileSink& sink) {
       const WordId word = tree.words[row];
       Child child{};
       child.link = word != kNoWord ? kWordBit | word : block_of_row[row];
-      child.weight = word != kNoWord ? static_cast<float>(tree.weights[row]) : 0.0F;
+      child.weight =
+          word != kNoWord ? static_cast<float>(std::min(tree.weights[row], 3.4e38)) : 0.0F;
       if (word == kNoWord) all_words = 0;
       std::memcpy(block.data() + p.descriptors_offset + i * p.stride,
                   tree.descriptors.data() + row * bytes, bytes);
@@ -291,6 +330,7 @@ void write_fbow(const VocabularyTree& tree, FileSink& sink) {
     std::memcpy(block.data() + 4, &parent, sizeof(parent));
     sink.write(block.data(), block.size());
   }
+  if (!weights.empty()) sink.write(weights.data(), weights.size() * sizeof(double));
 }
 
 }  // namespace dynslam::loop::detail

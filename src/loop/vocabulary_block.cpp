@@ -93,10 +93,13 @@ class TreeCheck {
     if (children < 1 || children > header.k || children > header.nodes - child_) return false;
     const std::size_t size = block_bytes(children, block_.stride());
     if (size > header.tree_bytes - at_ || word_at(at_ + 4) != child_) return false;
-    // Most blocks are words alone, of which the highest says enough.
-    std::uint32_t highest = 0;
-    for (std::uint32_t i = 0; i < children; ++i) highest = std::max(highest, link(i) - kLeafBit);
-    if (highest >= header.words) {
+    // Most blocks are words alone. The upper bit comes up where that is not so, or a word too high.
+    std::uint32_t upper = 0;
+    for (std::uint32_t i = 0; i < children; ++i) {
+      const std::uint32_t word = link(i) - kLeafBit;
+      upper |= word | (header.words - 1 - word);
+    }
+    if ((upper & kLeafBit) != 0) {
       for (std::uint32_t i = 0; i < children; ++i) {
         if (!take_link(link(i))) return false;
       }
@@ -213,7 +216,7 @@ std::optional<std::string> problem_of_weights(const VocabularyBlock& block) {
 /// One pass over the bytes: a piece is summed, then its blocks are looked at while it is in the
 /// cache.
 std::optional<std::string> problem_of_body(const VocabularyBlock& block) {
-  constexpr std::size_t kPiece = 1U << 16;
+  constexpr std::size_t kPiece = 1U << 14;
   const BlockHeader& header = block.header;
   const std::uint8_t* body = block.memory.get() + sizeof(BlockHeader);
   const std::size_t size = header.file_bytes - sizeof(BlockHeader);
@@ -222,7 +225,7 @@ std::optional<std::string> problem_of_body(const VocabularyBlock& block) {
   for (std::size_t at = 0; at < size; at += kPiece) {
     const std::size_t piece = std::min(kPiece, size - at);
     sum.add(body + at, piece);
-    if (at < header.tree_bytes) tree.advance(at);  // what was summed by now is still near
+    if (at < header.tree_bytes) tree.advance(at + piece);
   }
   if (sum.value() != header.body_sum) return "checksum of the content does not match";
   if (auto problem = tree.finish()) return problem;

@@ -168,6 +168,7 @@ class YamlReader {
     }
     if (!table_) throw_io_error(source_.path(), "there are no nodes");
     VocabularyTree tree = table_->finish();
+    if (all_counted_) drop_counts(tree);
     tree.k = *k_;
     tree.levels = *levels_;
     tree.scoring = static_cast<Scoring>(*scoring_);
@@ -310,14 +311,28 @@ class YamlReader {
       if (numbers_.size() > kMaxDescriptorBytes + 2U)
         lexer_.fail("a descriptor of more than " + std::to_string(kMaxDescriptorBytes) + " bytes");
     }
-    // Type 0, the length, and so many bytes: DBoW3's, the mark or not.
+    // Type 0, the length, and so many bytes: DBoW3's. Without the mark the first two numbers may
+    // be bytes as well; which it is, all descriptors of the file decide.
     const bool counted = numbers_.size() > 2 && numbers_[0] == 0 &&
-                         static_cast<std::size_t>(numbers_[1]) == (numbers_.size() - 2) % 256;
+                         static_cast<std::size_t>(numbers_[1]) == numbers_.size() - 2;
     if (marked && !counted) lexer_.fail("a descriptor of DBoW3 that is not binary or not complete");
-    bytes_.assign(numbers_.begin() + (counted ? 2 : 0), numbers_.end());
+    if (!counted || marked) all_counted_ = false;
+    bytes_.assign(numbers_.begin() + (marked ? 2 : 0), numbers_.end());
     if (bytes_.empty() || bytes_.size() > kMaxDescriptorBytes)
       lexer_.fail("a descriptor of " + std::to_string(bytes_.size()) + " bytes, expected 1 .. " +
                   std::to_string(kMaxDescriptorBytes));
+  }
+
+  /// Takes the type and the length away from descriptors that all have them.
+  static void drop_counts(VocabularyTree& tree) {
+    const std::size_t before = static_cast<std::size_t>(tree.descriptor_bytes);
+    const std::size_t after = before - 2;
+    for (std::size_t row = 0; row < tree.nodes(); ++row) {
+      std::copy_n(tree.descriptors.begin() + static_cast<std::ptrdiff_t>(row * before + 2), after,
+                  tree.descriptors.begin() + static_cast<std::ptrdiff_t>(row * after));
+    }
+    tree.descriptors.resize(tree.nodes() * after);
+    tree.descriptor_bytes -= 2;
   }
 
   void read_word() {
@@ -342,6 +357,7 @@ class YamlReader {
   std::string text_;
   std::optional<int> k_, levels_, scoring_, weighting_;
   std::optional<NodeTable> table_;
+  bool all_counted_ = true;  // descriptors begin with type 0 and their length
   std::vector<int> numbers_;
   std::vector<std::uint8_t> bytes_;
 };

@@ -38,7 +38,7 @@ Vocabulary open_vocabulary(const std::string& path);
 /// Node and word numbers are those of the file; in ORBvoc.txt the line (the header is line 0), in
 /// files of FBoW, which number no nodes, the order of the blocks. FBoW's own files hold neither
 /// weighting nor scoring: they are read as kTfIdf, kL2 and single precision, which is what FBoW
-/// does. Ours say more, behind the end of the descriptor's name.
+/// does. Ours say more, where FBoW does not look.
 ///
 /// Throws IoError, naming the file and what is wrong where; what is missing, longer than it says or
 /// followed by something else is wrong.
@@ -50,12 +50,13 @@ VocabularyFormat format_of_name(const std::string& path);
 /// Writes a vocabulary. The file appears under its name when it is complete, or not at all.
 ///
 /// What a format cannot hold and results depend on is an InvalidArgument, not a silent loss:
-/// - kText, and levels, k, scoring: k <= 20, levels <= 10, as its readers want;
+/// - kText: k <= 20 and levels <= 10, as its readers want;
 /// - kYaml, kYamlGz, kDbow3: numbers of words without gaps, every leaf its own (renumber_words);
 /// - kText: the same, and an order of the nodes in which words ascend. If they do not in the order
 ///   of the nodes, nodes are renumbered; words never are;
-/// - kFbow: weights that are no floats are rounded, without an error. Training makes floats.
+/// - kFbow: FBoW sees weights as floats. Ours that are none are kept besides, for our own reader.
 ///
+/// Reading what was written gives the same results, bit for bit; kText may renumber nodes.
 /// Throws IoError if the file cannot be written. O(bytes).
 void save_vocabulary(const Vocabulary& vocabulary, const std::string& path,
                      VocabularyFormat format);
