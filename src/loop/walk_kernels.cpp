@@ -128,7 +128,10 @@ class Walkers {
     }
     walker.block = walk_.tree + std::size_t{link} * 8;
     ++walker.level;
-    for (std::size_t b = 0; b < walk_.fetch_bytes; b += kLine) hwy::Prefetch(walker.block + b);
+    const auto address = reinterpret_cast<std::uintptr_t>(walker.block);  // may reach too far
+    for (std::size_t b = 0; b < walk_.fetch_bytes; b += kLine) {
+      hwy::Prefetch(reinterpret_cast<const void*>(address + b));
+    }
     return true;
   }
 
@@ -186,7 +189,11 @@ void sum_stripes(const std::uint8_t* bytes, std::size_t stripes, std::uint64_t* 
     auto sum = hn::LoadU(d, sums + first);
     const std::uint8_t* at = bytes + 8 * first;
     for (std::size_t s = 0; s < stripes; ++s, at += 8 * kSumLanes) {
-      if (first == 0) hwy::Prefetch(at + kSumAhead);
+      // An address, not a pointer: it may lie behind the bytes.
+      if (first == 0) {
+        hwy::Prefetch(
+            reinterpret_cast<const void*>(reinterpret_cast<std::uintptr_t>(at) + kSumAhead));
+      }
       const auto data = hn::BitCast(d, hn::LoadU(d8, at));
       const auto keyed = hn::Xor(data, key);
       const auto low = hn::BitCast(d32, keyed);

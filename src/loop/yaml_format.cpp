@@ -4,6 +4,7 @@
 //                words: [{wordId, nodeId}]}
 // Descriptors are "b0 b1 ..." (DBoW2), "type cols b0 b1 ..." or "dbw3 type cols b0 b1 ..." (DBoW3).
 // Only the part of YAML that FileStorage writes is read.
+#include <algorithm>
 #include <charconv>
 #include <cmath>
 #include <optional>
