@@ -51,6 +51,18 @@ class Lexer {
     return set(Token::kValue);
   }
 
+  /// What follows a key: a quoted text, or what stands up to a comma, a bracket or the line's end.
+  const Token& next_value() {
+    skip_blank();
+    if (peek() == '"') return next();
+    token_.text.clear();
+    while (peek() >= 0 && (peek() == ' ' || peek() == '\t' || !ends_word(peek()))) append(take());
+    while (!token_.text.empty() && (token_.text.back() == ' ' || token_.text.back() == '\t'))
+      token_.text.pop_back();
+    if (token_.text.empty()) fail("a key without a value");
+    return set(Token::kValue);
+  }
+
   [[noreturn]] void fail(const std::string& what) const {
     throw_io_error(source_.path(), "line " + std::to_string(line_) + ": " + what);
   }
@@ -178,8 +190,9 @@ class YamlReader {
   }
 
  private:
-  void advance() {
-    const Token& token = lexer_.next();
+  void advance() { keep(lexer_.next()); }
+  void advance_to_value() { keep(lexer_.next_value()); }
+  void keep(const Token& token) {
     kind_ = token.kind;
     text_ = token.text;
   }
@@ -211,7 +224,7 @@ class YamlReader {
     const std::string key = text_;
     const auto small = [&](std::optional<int>& value, int low, int high) {
       if (value) lexer_.fail("\"" + key + "\" a second time");
-      advance();
+      advance_to_value();
       value = number(key, low, high);
       advance();
     };
@@ -256,7 +269,7 @@ class YamlReader {
     while (true) {
       take(Token::kKey, "a key");
       const std::string key = text_;
-      advance();
+      advance_to_value();
       member(key);
       advance();
       if (kind_ == Token::kPunctuation && text_ == "}") return;
@@ -277,7 +290,6 @@ class YamlReader {
       } else if (key == "weight") {
         weight = number<double>(key, 0.0, 1e300);
       } else if (key == "descriptor") {
-        if (kind_ != Token::kText) lexer_.fail("descriptor is no text");
         descriptor = text_;
       } else {
         lexer_.fail("unknown key \"" + key + "\" of a node");
