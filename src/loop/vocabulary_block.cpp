@@ -5,7 +5,10 @@
 #include <cstdlib>
 #include <cstring>
 #include <new>
+#include <utility>
 #include <vector>
+
+#include <hwy/base.h>
 
 #include "dynslam/loop/vocabulary_tree.hpp"
 
@@ -79,8 +82,9 @@ class TreeCheck {
     if (parent_ != header.parents) return differs("number of blocks", parent_, header.parents);
     if (at_ != header.tree_bytes) return differs("end of the last block", at_, header.tree_bytes);
     if (child_ != header.nodes) return differs("number of nodes", child_, header.nodes);
-    if (links_ != header.parents - 1U)
-      return differs("links to blocks", links_, header.parents - 1U);
+    if (links_.size() != header.parents - 1U)
+      return differs("links to blocks", links_.size(), header.parents - 1U);
+    if (depth() > header.levels) return differs("depth of the tree", depth(), header.levels);
     return std::nullopt;
   }
 
@@ -114,8 +118,29 @@ class TreeCheck {
     if ((to & kLeafBit) != 0) return (to & ~kLeafBit) < block_.header.words;
     if (to <= at_ / 8 || to >= block_.header.tree_bytes / 8 || is_begin(to)) return false;
     begins_[to / 64] |= std::uint64_t{1} << (to % 64);
-    ++links_;
+    links_.emplace_back(to, parent_);
     return true;
+  }
+
+  /// Most steps from the root to a node.
+  std::uint32_t depth() const {
+    // The bits before that of a block tell which one it is; all but the first have a bit.
+    std::vector<std::uint32_t> before(begins_.size());
+    std::uint32_t bits = 1;
+    for (std::size_t i = 0; i < begins_.size(); ++i) {
+      before[i] = bits;
+      bits += static_cast<std::uint32_t>(hwy::PopCount(begins_[i]));
+    }
+    std::vector<std::uint32_t> depths(block_.header.parents, 1);
+    std::uint32_t deepest = 1;
+    for (const auto& [to, from] : links_) {  // parents before their children
+      const std::uint64_t lower = begins_[to / 64] & ((std::uint64_t{1} << (to % 64)) - 1);
+      const std::uint32_t child =
+          before[to / 64] + static_cast<std::uint32_t>(hwy::PopCount(lower));
+      depths[child] = depths[from] + 1;
+      deepest = std::max(deepest, depths[child]);
+    }
+    return deepest;
   }
 
   /// What check_block did not like; it stopped where it was.
@@ -153,10 +178,10 @@ class TreeCheck {
   const VocabularyBlock& block_;
   std::vector<std::uint64_t> begins_;  // a bit for every place where a block may begin
   std::optional<std::string> problem_;
-  std::size_t at_ = 0;        // of the next block
-  std::uint32_t parent_ = 0;  // blocks so far
-  std::uint32_t child_ = 1;   // number of the next child
-  std::uint32_t links_ = 0;
+  std::size_t at_ = 0;                                          // of the next block
+  std::uint32_t parent_ = 0;                                    // blocks so far
+  std::uint32_t child_ = 1;                                     // number of the next child
+  std::vector<std::pair<std::uint32_t, std::uint32_t>> links_;  // to a place, from a block
 };
 
 std::optional<std::string> problem_of_ids(const VocabularyBlock& block) {

@@ -225,13 +225,12 @@ void checksum_target(const std::uint8_t* bytes, std::size_t size, std::uint64_t*
 }
 
 bool weights_valid_target(const double* weights, std::size_t count) {
-  // Without their sign bit, finite numbers are the bit patterns below that of infinity; with it,
-  // they are above them, but for -0.
+  // Finite numbers without a sign are the bit patterns below that of infinity.
   std::uint64_t highest = 0;
   for (std::size_t i = 0; i < count; ++i) {
     std::uint64_t bits;
     std::memcpy(&bits, weights + i, sizeof(bits));
-    highest |= bits + 0x0010000000000000U;  // reaches the sign bit from infinity on
+    highest |= bits | (bits + 0x0010000000000000U);  // reaches the sign bit from infinity on
   }
   return (highest >> 63) == 0;
 }
