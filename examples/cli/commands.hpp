@@ -13,6 +13,7 @@ CLI::App* add_eval_command(CLI::App& app, std::function<int()>& run);
 CLI::App* add_segment_command(CLI::App& app, std::function<int()>& run);
 CLI::App* add_match_command(CLI::App& app, std::function<int()>& run);
 CLI::App* add_movers_command(CLI::App& app, std::function<int()>& run);
+CLI::App* add_loops_command(CLI::App& app, std::function<int()>& run);
 CLI::App* add_scene_command(CLI::App& app, std::function<int()>& run);
 CLI::App* add_vocab_command(CLI::App& app, std::function<int()>& run);
 

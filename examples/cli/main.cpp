@@ -19,6 +19,7 @@ int main(int argc, char** argv) {
   dynslam::cli::add_segment_command(app, run);
   dynslam::cli::add_match_command(app, run);
   dynslam::cli::add_movers_command(app, run);
+  dynslam::cli::add_loops_command(app, run);
   dynslam::cli::add_scene_command(app, run);
   dynslam::cli::add_vocab_command(app, run);
   try {
