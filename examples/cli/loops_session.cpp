@@ -93,6 +93,7 @@ struct View {
   int width = 0, height = 0;
   std::vector<cv::KeyPoint> keypoints;
   cv::Mat descriptors;
+  cv::Mat depth;
   Eigen::Matrix3Xd points;  // of each key point in the camera, NaN where there is no depth
   loop::BowVector bow;
   loop::FeatureVector direct;
@@ -174,7 +175,6 @@ class Places {
   void read_tum(const std::string& folder, LoopsOutcome& outcome) {
     const auto sequence = dataset::open_tum(folder);
     camera_ = sequence->camera();
-    std::vector<cv::Mat> depths;
     std::vector<evaluation::PlaceView> place_views;
     Progress progress("features", sequence->size());
     for (std::size_t i = 0; i < sequence->size(); ++i) {
@@ -182,10 +182,10 @@ class Places {
       progress.update(i + 1);
       if (!frame.T_world_cam || frame.depth.empty()) continue;  // nothing to score it by
       View& view = extract(frame.color, outcome);
+      view.depth = frame.depth;
       view.points = unproject(view.keypoints, frame.depth);
       poses_.push_back(*frame.T_world_cam);
-      depths.push_back(frame.depth);
-      place_views.push_back({*frame.T_world_cam, as_view<const float>(depths.back())});
+      place_views.push_back({*frame.T_world_cam, as_view<const float>(frame.depth)});
     }
     if (views_.size() < 2) throw_io_error(folder, "fewer than 2 frames have a true pose and depth");
     truth_.emplace(place_views, camera_);
@@ -241,7 +241,9 @@ loop::Vocabulary make_vocabulary(const LoopsOptions& options, Places& places,
 /// Verifies one image against another: with depth by its pose, else by epipolar geometry.
 class Verifier {
  public:
-  explicit Verifier(Places& places) : places_(places) {}
+  explicit Verifier(Places& places) : places_(places) {
+    pose_options_.max_iterations = 500;  // samples of three need few
+  }
 
   loop::Verification operator()(std::uint64_t query, std::uint64_t candidate) {
     const View& q = places_[query];
@@ -259,14 +261,20 @@ class Verifier {
       candidate_pixels.col(i) << r.x, r.y;
       if (places_.has_depth()) candidate_points.col(i) = c.points.col(match.train);
     }
-    if (places_.has_depth())
-      return loop::verify_pose(candidate_points, query_pixels, places_.camera());
+    if (places_.has_depth()) {
+      loop::Verification found =
+          loop::verify_pose(candidate_points, query_pixels, places_.camera(), pose_options_);
+      loop::check_depth(as_view<const float>(q.depth), as_view<const float>(c.depth),
+                        places_.camera(), places_.camera(), found);
+      return found;
+    }
     return loop::verify_epipolar(query_pixels, candidate_pixels, std::max(q.width, c.width),
                                  std::max(q.height, c.height));
   }
 
  private:
   Places& places_;
+  loop::RansacOptions pose_options_;
   std::vector<Match> matches_;
 };
 

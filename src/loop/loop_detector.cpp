@@ -20,6 +20,8 @@ LoopReason reason_of(Verdict verdict) {
       return LoopReason::kFewMatches;
     case Verdict::kNoGeometry:
       return LoopReason::kNoGeometry;
+    case Verdict::kOtherScene:
+      return LoopReason::kOtherScene;
     case Verdict::kRefused:
       break;
   }
@@ -55,6 +57,8 @@ std::string_view to_string(LoopReason reason) {
       return "FewMatches";
     case LoopReason::kNoGeometry:
       return "NoGeometry";
+    case LoopReason::kOtherScene:
+      return "OtherScene";
     case LoopReason::kStillInView:
       return "StillInView";
     case LoopReason::kRefusedByHost:
@@ -130,17 +134,21 @@ std::vector<std::uint64_t> LoopDetector::excluded(const LoopQuery& query) const 
 
 double LoopDetector::normalizer(const LoopQuery& query) const {
   if (options_.normalization == Normalization::kNone) return 1.0;
-  if (options_.normalization == Normalization::kLeastCovisible) {
+  if (options_.normalization != Normalization::kPreviousQuery) {
     std::vector<double> scores(query.covisible.size());
     database_.scores(*query.bow, query.covisible, scores);
-    double least = 0.0;
-    bool any = false;
     for (std::size_t i = 0; i < scores.size(); ++i) {
-      if (std::isnan(scores[i]) || query.covisible[i] == query.id) continue;
-      least = any ? std::min(least, scores[i]) : scores[i];
-      any = true;
+      if (query.covisible[i] == query.id) scores[i] = std::nan("");
     }
-    if (any) return least;
+    scores.erase(std::remove_if(scores.begin(), scores.end(),
+                                [](double value) { return std::isnan(value); }),
+                 scores.end());
+    const bool median = options_.normalization == Normalization::kMedianCovisible;
+    const auto at = scores.begin() + static_cast<std::ptrdiff_t>(median ? scores.size() / 2 : 0);
+    if (!scores.empty()) {
+      std::nth_element(scores.begin(), at, scores.end());
+      return *at;
+    }
   }
   return score(database_.scoring(), *query.bow, previous_);
 }

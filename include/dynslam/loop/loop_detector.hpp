@@ -27,10 +27,11 @@ enum class LoopReason : std::uint8_t {
   kInconsistent,   ///< not enough queries in a row point to this place
   kFewMatches,     ///< geometric verification found too few matches
   kNoGeometry,     ///< no motion explains enough of the matches
+  kOtherScene,     ///< a motion explains an object, not the scene
   kStillInView,    ///< verified, but the camera has not looked elsewhere in between
   kRefusedByHost   ///< the host's verification said no without a reason
 };
-inline constexpr std::size_t kLoopReasons = 11;
+inline constexpr std::size_t kLoopReasons = 12;
 
 /// "Loop", "EmptyQuery", ...: the enumerator's name without its k.
 std::string_view to_string(LoopReason reason);
@@ -40,8 +41,10 @@ std::string_view to_string(LoopReason reason);
 enum class Normalization : std::uint8_t {
   kNone,            ///< 1
   kPreviousQuery,   ///< score against the query before (Galvez-Lopez & Tardos 2012)
-  kLeastCovisible,  ///< lowest score against the covisible images; against the query before if
-                    ///< there are none (Mur-Artal et al. 2015)
+  kLeastCovisible,  ///< lowest score against the covisible images (Mur-Artal et al. 2015); against
+                    ///< the query before if there are none
+  kMedianCovisible  ///< median of the scores against the covisible images, likewise: asks less of
+                    ///< where covisibility begins, and nothing of the rate of images (engineering)
 };
 
 /// How islands and consistency tell who belongs together.
@@ -52,7 +55,7 @@ enum class Grouping : std::uint8_t {
 
 /// Settings of a LoopDetector.
 struct LoopDetectorOptions {
-  Normalization normalization = Normalization::kPreviousQuery;
+  Normalization normalization = Normalization::kMedianCovisible;
   Grouping grouping = Grouping::kOrder;
   /// The last images added are no candidates: they show the place because the camera has not left
   /// it. Images, >= 0. Hosts that know covisible images name those instead. Engineering: 20
@@ -101,7 +104,7 @@ struct LoopDetectorOptions {
 struct LoopQuery {
   std::uint64_t id = 0;  ///< for `verify`; need not be stored
   const BowVector* bow = nullptr;
-  /// Images that see the same things now: no candidates; normalizers with kLeastCovisible.
+  /// Images that see the same things now: no candidates; they make the normalizer.
   Span<const std::uint64_t> covisible;
 };
 
@@ -165,7 +168,7 @@ class LoopDetector {
   ///
   /// Remembers the query for the consistency and the normalization of the next one; stores nothing.
   /// Throws InvalidArgument if query.bow is null or as Database::query does, and what `verify`
-  /// throws. Cost of Database::query, twice with kLeastCovisible, and of the verifications.
+  /// throws. Cost of Database::query, twice with covisible images, and of the verifications.
   LoopResult detect(const LoopQuery& query, const VerifyLoop& verify = {});
 
   /// Stores an image. Throws as Database::add.
