@@ -1,10 +1,5 @@
 // libFuzzer target: whatever bytes come, the database is read in full and works, or an IoError says
 // what is wrong. Checksums are made right first, or no mutation would come past them.
-//
-//   clang++ -std=c++17 -g -O1 -fsanitize=fuzzer,address,undefined -Iinclude \
-//     tests/fuzz/database_fuzz.cpp src/loop/{database,database_io,database_query,posting_page,\
-//     bow_vector}.cpp -I/usr/include/eigen3 -lpthread -o database_fuzz
-//   ./database_fuzz -max_total_time=600 -max_len=65536 corpus tests/fuzz/corpus/database
 #include <cstddef>
 #include <cstdint>
 #include <cstdlib>

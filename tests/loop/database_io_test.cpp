@@ -191,6 +191,14 @@ TEST(DatabaseFile, WithBrokenPagesIsRefusedByName) {
   expect_refused(bytes, "page 0: the checksum");
 }
 
+TEST(DatabaseFile, SeedsOfTheFuzzerAreSound) {
+  for (const char* name : {"empty", "three_images", "long_list", "far_apart"}) {
+    const Database database = Database::load(
+        std::string(DYNSLAM_TEST_DATA_DIR "/../../fuzz/corpus/database_fuzz/") + name);
+    EXPECT_EQ(Database::deserialize(database.serialize()).ids(), database.ids());
+  }
+}
+
 // The first list: images 0, 1, 2 with a weight of 1, three bytes each.
 TEST(DatabaseFile, WithBrokenListsIsRefusedByName) {
   const auto head = [](std::uint32_t code, std::uint32_t extra) {
