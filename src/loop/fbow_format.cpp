@@ -145,9 +145,8 @@ class FbowReader {
       tree_.descriptors.insert(tree_.descriptors.end(), descriptor,
                                descriptor + p_.descriptor_bytes);
       if ((child.link & kWordBit) != 0) {
-        if (!(child.weight >= 0.0F && child.weight <= 3.4e38F))
-          source_.fail(where + "weight " + std::to_string(child.weight) +
-                       ", expected a finite number >= 0");
+        if (!(child.weight >= 0.0F && static_cast<double>(child.weight) <= kMaxWordWeight))
+          source_.fail(where + "weight " + std::to_string(child.weight) + ", expected 0 .. 1e12");
         add_row(child.link & ~kWordBit, static_cast<double>(child.weight), b);
       } else {
         if (child.link == 0 || child.link >= p_.blocks)
@@ -246,7 +245,7 @@ std::vector<double> exact_weights(const VocabularyTree& tree) {
     const WordId word = tree.words[row];
     if (word == kNoWord) continue;
     const double weight = tree.weights[row];
-    exact = exact && weight <= 3.4e38 && static_cast<double>(static_cast<float>(weight)) == weight;
+    exact = exact && static_cast<double>(static_cast<float>(weight)) == weight;
     if (word >= weights.size()) weights.resize(word + std::size_t{1}, 0.0);
     weights[word] = weight;
   }
@@ -318,8 +317,7 @@ void write_fbow(const VocabularyTree& tree, FileSink& sink) {
       const WordId word = tree.words[row];
       Child child{};
       child.link = word != kNoWord ? kWordBit | word : block_of_row[row];
-      child.weight =
-          word != kNoWord ? static_cast<float>(std::min(tree.weights[row], 3.4e38)) : 0.0F;
+      child.weight = word != kNoWord ? static_cast<float>(tree.weights[row]) : 0.0F;
       if (word == kNoWord) all_words = 0;
       std::memcpy(block.data() + p.descriptors_offset + i * p.stride,
                   tree.descriptors.data() + row * bytes, bytes);

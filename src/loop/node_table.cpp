@@ -1,5 +1,4 @@
 #include <charconv>
-#include <cmath>
 
 #include "dynslam/core/errors.hpp"
 
@@ -26,9 +25,9 @@ void NodeTable::reserve(std::size_t nodes) {
 
 std::uint8_t* NodeTable::add(NodeId id, NodeId parent, double weight) {
   if (tree.nodes() >= kMaxNodes) source_.fail("more than " + std::to_string(kMaxNodes) + " nodes");
-  if (!std::isfinite(weight) || weight < 0.0) {
+  if (!(weight >= 0.0 && weight <= kMaxWordWeight)) {
     source_.fail("node " + std::to_string(id) + ": weight " + std::to_string(weight) +
-                 ", expected a finite number >= 0");
+                 ", expected 0 .. 1e12");
   }
   tree.ids.push_back(id);
   tree.parents.push_back(parent);

@@ -144,7 +144,7 @@ VocabularyTree read_text(ByteSource& source) {
           static_cast<std::uint8_t>(token.number("a byte of the descriptor", 0, 255)));
     }
     Tokens weight(lines, numbers.back());
-    tree.weights.push_back(weight.number("weight", 0.0, 1e300));
+    tree.weights.push_back(weight.number("weight", 0.0, kMaxWordWeight));
     tree.words.push_back(is_word ? words++ : kNoWord);
   }
   return tree;

@@ -231,9 +231,9 @@ std::optional<std::string> problem_of_weights(const VocabularyBlock& block) {
   const double* weights = block.weights();
   if (all_weights_valid(weights, block.header.words)) return std::nullopt;
   for (std::uint32_t w = 0; w < block.header.words; ++w) {
-    if (std::isfinite(weights[w]) && weights[w] >= 0.0) continue;
+    if (weights[w] >= 0.0 && weights[w] <= kMaxWordWeight && !std::signbit(weights[w])) continue;
     return "weight of word " + text(w) + " is " + std::to_string(weights[w]) +
-           ", expected a finite number >= 0";
+           ", expected 0 .. 1e12";
   }
   return std::nullopt;
 }

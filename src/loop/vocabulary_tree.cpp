@@ -1,7 +1,6 @@
 #include "dynslam/loop/vocabulary_tree.hpp"
 
 #include <algorithm>
-#include <cmath>
 #include <cstring>
 #include <numeric>
 #include <string>
@@ -80,8 +79,8 @@ std::optional<std::string> problem_of_words(const VocabularyTree& tree) {
     if (word >= limit)
       return row_text(row) + "word " + text(word) + " in a tree of " + text(tree.nodes()) +
              " nodes";
-    if (!std::isfinite(weight) || weight < 0.0)
-      return row_text(row) + "weight " + std::to_string(weight) + ", expected a finite number >= 0";
+    if (!(weight >= 0.0 && weight <= kMaxWordWeight))
+      return row_text(row) + "weight " + std::to_string(weight) + ", expected 0 .. 1e12";
     if (word >= weights.size()) weights.resize(word + std::size_t{1}, -1.0);
     if (weights[word] >= 0.0 && weights[word] != weight)
       return row_text(row) + "word " + text(word) + " a second time, with another weight";
@@ -234,7 +233,7 @@ std::shared_ptr<const VocabularyBlock> block_of_tree(const VocabularyTree& tree)
       std::memcpy(at + 8 + 4 * i, &link, 4);
       std::memcpy(at + descriptors_offset(own.size()) + i * stride,
                   tree.descriptors.data() + row * bytes, bytes);
-      if (is_word) weights[tree.words[row]] = tree.weights[row];
+      if (is_word) weights[tree.words[row]] = tree.weights[row] + 0.0;  // -0 becomes 0
       if (!order.keeps_ids()) ids[number] = tree.ids.empty() ? row : tree.ids[row];
     }
   }

@@ -225,14 +225,16 @@ void checksum_target(const std::uint8_t* bytes, std::size_t size, std::uint64_t*
 }
 
 bool weights_valid_target(const double* weights, std::size_t count) {
-  // Finite numbers without a sign are the bit patterns below that of infinity.
+  // Numbers without a sign are ordered as their bit patterns are; all others are above them.
   std::uint64_t highest = 0;
   for (std::size_t i = 0; i < count; ++i) {
     std::uint64_t bits;
     std::memcpy(&bits, weights + i, sizeof(bits));
-    highest |= bits | (bits + 0x0010000000000000U);  // reaches the sign bit from infinity on
+    highest = std::max(highest, bits);
   }
-  return (highest >> 63) == 0;
+  std::uint64_t most;
+  std::memcpy(&most, &kMaxWordWeight, sizeof(most));
+  return highest <= most;
 }
 
 template <std::size_t kWords>

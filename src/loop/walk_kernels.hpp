@@ -40,7 +40,7 @@ class Checksum {
   std::uint64_t size_ = 0;
 };
 
-/// Whether all are finite and without a sign (-0 has one).
+/// Whether all are within 0 .. kMaxWordWeight; -0 is not.
 bool all_weights_valid(const double* weights, std::size_t count);
 
 /// nearest[i] = index of the centre nearest to row i (rows[i] if given), the first of equal ones;

@@ -288,7 +288,7 @@ class YamlReader {
       } else if (key == "parentId") {
         parent = number<NodeId>(key, 0, kMaxNodes);
       } else if (key == "weight") {
-        weight = number<double>(key, 0.0, 1e300);
+        weight = number<double>(key, 0.0, kMaxWordWeight);
       } else if (key == "descriptor") {
         descriptor = text_;
       } else {

@@ -1,11 +1,14 @@
 // Trees and descriptors for the tests of vocabularies.
 #pragma once
 
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <cstdio>
+#include <cstring>
 #include <fstream>
 #include <iterator>
+#include <memory>
 #include <random>
 #include <string>
 #include <vector>
@@ -14,7 +17,12 @@
 
 #include "dynslam/core/errors.hpp"
 #include "dynslam/loop/vocabulary.hpp"
+#include "dynslam/loop/vocabulary_io.hpp"
 #include "dynslam/loop/vocabulary_tree.hpp"
+
+#include "loop/formats.hpp"
+#include "loop/tree_problem.hpp"
+#include "loop/vocabulary_block.hpp"
 
 namespace dynslam::loop::testing {
 
@@ -126,10 +134,38 @@ inline void write_file(const std::string& path, const std::vector<std::uint8_t>&
              static_cast<std::streamsize>(bytes.size()));
 }
 
+/// load_vocabulary of bytes in memory, without the disk; gzip goes through a file.
+inline Vocabulary load_bytes(VocabularyFormat format, const std::vector<std::uint8_t>& bytes,
+                             const std::string& name) {
+  if (format == VocabularyFormat::kYamlGz) {
+    write_file(name, bytes);
+    return load_vocabulary(name);
+  }
+  if (format == VocabularyFormat::kDynvoc) {
+    const auto memory = detail::allocate_block(bytes.size());
+    std::copy(bytes.begin(), bytes.end(), memory.get());
+    if (const auto problem = detail::problem_of({memory.get(), bytes.size()}))
+      throw_io_error(name, *problem);
+    auto block = std::make_shared<detail::VocabularyBlock>();
+    std::memcpy(&block->header, memory.get(), sizeof(block->header));
+    block->memory = memory;
+    return Vocabulary(std::move(block));
+  }
+  detail::MemorySource source(name, bytes);
+  const VocabularyTree tree = format == VocabularyFormat::kText   ? detail::read_text(source)
+                              : format == VocabularyFormat::kYaml ? detail::read_yaml(source)
+                              : format == VocabularyFormat::kFbow ? detail::read_fbow(source)
+                                                                  : detail::read_dbow3(source);
+  if (const auto problem = detail::problem_of_tree(tree)) throw_io_error(name, *problem);
+  return Vocabulary(detail::block_of_tree(tree));
+}
+
 /// A name of the running test's own in its scratch folder.
 inline std::string scratch(const std::string& ending) {
   const auto* test = ::testing::UnitTest::GetInstance()->current_test_info();
-  return std::string(test->test_suite_name()) + "_" + test->name() + ending;
+  std::string name = std::string(test->test_suite_name()) + "_" + test->name() + ending;
+  std::replace(name.begin(), name.end(), '/', '_');
+  return name;
 }
 
 /// Message of the error of type E that the function throws; fails the test if there is none.

@@ -32,7 +32,7 @@ Vocabulary open_vocabulary(const std::string& path);
 ///
 /// Takes nothing on trust: every count is compared with what the file can hold before memory is
 /// taken for it, indices are within their ranges, the tree is connected and free of cycles, weights
-/// are finite and not negative, compressed files may not grow beyond what a vocabulary can
+/// lie within 0 .. kMaxWordWeight, compressed files may not grow beyond what a vocabulary can
 /// compress to. A .dynvoc file is mapped.
 ///
 /// Node and word numbers are those of the file; in ORBvoc.txt the line (the header is line 0), in

@@ -16,6 +16,7 @@ inline constexpr WordId kNoWord = 0xFFFFFFFFU;
 // Bounds that every vocabulary keeps, whatever file it comes from.
 inline constexpr int kMaxChildren = 65535;          ///< of a node
 inline constexpr int kMaxLevels = 255;              ///< of a tree
+inline constexpr double kMaxWordWeight = 1e12;      ///< so that no sum overflows
 inline constexpr int kMaxDescriptorBytes = 256;     ///< of a descriptor
 inline constexpr std::size_t kMaxNodes = 1U << 30;  ///< of a tree
 
@@ -40,7 +41,7 @@ struct VocabularyTree {
   /// The word that a row is; kNoWord for a node with children. Two rows may be the same word if
   /// their weights are the same, and numbers may be left out: files of FBoW are like that.
   std::vector<WordId> words;
-  /// Weight of the word that a row is, finite and >= 0; means nothing for a node with children.
+  /// Weight of the word that a row is, 0 .. kMaxWordWeight; means nothing for a node with children.
   std::vector<double> weights;
   /// What results call the node of a row: a permutation of 0 .. rows - 1 with 0 for the root.
   /// Empty: its row.
