@@ -123,8 +123,35 @@ printf '1 0 0 0 0 0 0 nan\n' >nan.txt
 expect_failure 1 'nan.txt:1' eval ate scene/groundtruth.txt nan.txt
 expect_failure 1 'scene' scene room_walking --frames 3 --out scene
 
-for subcommand in run eval segment match scene; do
-  "$dynslam" "$subcommand" --help >stdout || complain "$subcommand --help"
+# --- vocab -------------------------------------------------------------------------------------
+"$dynslam" vocab train scene --k 5 --levels 3 --features 300 --out small.dynvoc --json >voc.json \
+  2>stderr || complain "vocab train: $(cat stderr)"
+for key in words nodes k levels descriptor_bytes weighting scoring bytes words_missing descriptors; do
+  grep -q "\"$key\"" voc.json || complain "vocab train says no $key"
+done
+grep -q '"images":12' voc.json || complain "vocab train took masks or depth for pictures: $(cat voc.json)"
+for ending in txt yml yml.gz dbow3 fbow; do
+  "$dynslam" vocab convert small.dynvoc "small.$ending" >stdout || complain "vocab convert to $ending"
+  "$dynslam" vocab convert "small.$ending" back.dynvoc >stdout || complain "vocab convert from $ending"
+  cmp -s small.dynvoc back.dynvoc || complain "$ending and back is another vocabulary"
+done
+"$dynslam" vocab convert small.dynvoc packed.dbow3 --compress >stdout || complain "vocab --compress"
+"$dynslam" vocab info packed.dbow3 --json >voc.json || complain "vocab info"
+grep -q '"load_ms"' voc.json || complain "vocab info says no load_ms"
+expect_failure 2 'subcommand' vocab
+expect_failure 2 'k' vocab train scene --k 1 --out x.dynvoc
+expect_failure 1 'x.bin' vocab train scene --out x.bin
+expect_failure 1 'nowhere' vocab train nowhere --out x.dynvoc
+expect_failure 1 'holds neither' vocab train empty --out x.dynvoc
+expect_failure 1 'nowhere' vocab info nowhere
+expect_failure 1 'voc.json' vocab info voc.json
+head -c 500 small.dynvoc >cut.dynvoc
+expect_failure 1 'cut.dynvoc' vocab info cut.dynvoc
+expect_failure 1 'compress' vocab convert small.dynvoc x.txt --compress
+
+for subcommand in run eval segment match scene "vocab train" "vocab convert" "vocab info"; do
+  # shellcheck disable=SC2086
+  "$dynslam" $subcommand --help >stdout || complain "$subcommand --help"
   grep -q 'Example' stdout || complain "$subcommand --help shows no example"
 done
 
