@@ -112,7 +112,8 @@ CLI::App* add_loops_command(CLI::App& app, std::function<int()>& run) {
     if (options->tum.empty() && options->truth.empty())
       throw CLI::ValidationError("loops", "give IMAGES and --truth MATRIX.bmp, or --tum DIR");
     if (options->tum.empty() == options->images.empty())
-      throw CLI::ValidationError("loops", "give either IMAGES or --tum DIR");
+      throw CLI::ValidationError("loops",
+                                 "give either IMAGES and --truth MATRIX.bmp, or --tum DIR");
     run = [options, as_json] {
       const LoopsOutcome outcome = run_loops(*options);
       const json report = report_of(outcome);

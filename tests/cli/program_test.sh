@@ -92,6 +92,21 @@ expect_file out-untold/report.html
 grep -q '"false_positive_rate"' movers.json || complain "movers reports no rates"
 "$dynslam" run --tum scene --system p-static --without geometry,weights --out out-without --json \
   >summary.json || complain "run without geometry"
+# --- loops -------------------------------------------------------------------------------------
+"$dynslam" loops --tum scene --detections loops.txt --json >loops.json 2>stderr ||
+  complain "loops: $(cat stderr)"
+for key in queries loops_true detected precision recall recall_at_100p ms median refused; do
+  grep -q "\"$key\"" loops.json || complain "loops has no $key"
+done
+[[ $(grep -vc '^#' loops.txt) == 12 ]] || complain "a line for each query"
+expect_failure 2 'IMAGES' loops --json
+expect_failure 2 'truth' loops scene/rgb
+expect_failure 2 'IMAGES' loops scene/rgb --tum scene --vocabulary x
+expect_failure 1 'nowhere' loops --tum nowhere
+expect_failure 1 'nomatrix' loops scene/rgb --truth nomatrix.bmp
+expect_failure 1 'mask.*12 images' loops scene/rgb --truth "$(find scene/mask -name '*.png' | head -n 1)"
+printf 'no vocabulary' >words.txt
+expect_failure 1 'words.txt' loops --tum scene --vocabulary words.txt
 
 # --- bad input ---------------------------------------------------------------------------------
 mkdir empty
