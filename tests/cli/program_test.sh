@@ -164,7 +164,7 @@ head -c 500 small.dynvoc >cut.dynvoc
 expect_failure 1 'cut.dynvoc' vocab info cut.dynvoc
 expect_failure 1 'compress' vocab convert small.dynvoc x.txt --compress
 
-for subcommand in run eval segment match scene "vocab train" "vocab convert" "vocab info"; do
+for subcommand in run eval segment match movers loops scene "vocab train" "vocab convert" "vocab info"; do
   # shellcheck disable=SC2086
   "$dynslam" $subcommand --help >stdout || complain "$subcommand --help"
   grep -q 'Example' stdout || complain "$subcommand --help shows no example"
