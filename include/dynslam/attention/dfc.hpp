@@ -54,20 +54,6 @@ class DfcAttention {
   std::shared_ptr<const Impl> impl_;
 };
 
-/// Weights of the general form, for maps of one size only. Either both matrices are shared along
-/// the other axis, `vertical` C x H x H and `horizontal` C x W x W, or neither is, `vertical`
-/// C x H x H x W (c, h, h', w) and `horizontal` C x H x W x W (c, h, w, w').
-struct FullDfcWeights {
-  int channels = 0;
-  int height = 0;
-  int width = 0;
-  bool shared = true;
-  std::vector<float> vertical;
-  std::vector<float> horizontal;
-
-  void validate(std::string_view function) const;
-};
-
 /// DFC attention in its general form, kernels as long as the map:
 ///
 ///     a'[c,h,w] = sum_h' FH[c,h,h',w] z[c,h',w]

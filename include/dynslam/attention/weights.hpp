@@ -59,6 +59,20 @@ struct DfcWeights {
   void validate(std::string_view function) const;
 };
 
+/// Weights of the general form, for maps of one size only. Either both matrices are shared along
+/// the other axis, `vertical` C x H x H and `horizontal` C x W x W, or neither is, `vertical`
+/// C x H x H x W (c, h, h', w) and `horizontal` C x H x W x W (c, h, w, w').
+struct FullDfcWeights {
+  int channels = 0;
+  int height = 0;
+  int width = 0;
+  bool shared = true;
+  std::vector<float> vertical;
+  std::vector<float> horizontal;
+
+  void validate(std::string_view function) const;
+};
+
 /// Ghost module: `primary` (1x1) makes P channels, `cheap` (depthwise KxK, K odd, on the primary
 /// ones) up to P more; the first `out_channels` of both together are kept, P <= out_channels <= 2P.
 struct GhostModuleWeights {
