@@ -26,7 +26,7 @@ class SafeTensors {
  public:
   /// Reads a file. Throws IoError naming the file and the tensor if it cannot be read, is cut
   /// short, has offsets that overlap, leave a gap or lie outside, a dtype other than F32, F16 or
-  /// BF16 (the last two are widened), or a name twice. At most twice the file's size in memory.
+  /// BF16 (the last two are widened), or a name twice. Memory: about three times the file.
   static SafeTensors read(const std::string& path);
 
   /// The same from memory; `name` stands for the path in errors. Copies what it needs.
