@@ -67,12 +67,12 @@ def export_layer(name, directory, weights):
 
 def network(block):
     torch.manual_seed(3)
-    return layers.settle(layers.Yolov5sSeg(block), (1, 3, 128, 128), 4)
+    return layers.settle(layers.Yolov5sSeg(block), (4, 3, 192, 192), 4)
 
 
 def export_network(name, block, directory, size):
     module = network(block)
-    image = torch.rand((1, 3, *size))
+    image = layers.pictures((1, 3, *size))
     export(module, [image], os.path.join(directory, name + ".onnx"), ["output0", "output1"])
     with torch.no_grad():
         rows, proto = module(image)
