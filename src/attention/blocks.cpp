@@ -46,7 +46,8 @@ DfcPlane PackedDfc::plane(int channel) const {
 }
 
 std::size_t PackedDfc::scratch(Extent extent) const {
-  return dfc_scratch(horizontal.kernel_width, extent.height / 2, extent.width / 2, extent.width);
+  return dfc_scratch(horizontal.kernel_width, vertical.kernel_height, extent.height / 2,
+                     extent.width / 2, extent.width);
 }
 
 PackedDepthwise::PackedDepthwise(const Convolution& weights) : convolution(with_bias(weights)) {}

@@ -121,45 +121,68 @@ void convolve_plane(const DepthwisePlane& plane) {
   }
 }
 
-/// One row of the 1xK convolution; `padded` is a row with (K - 1) / 2 zeros before it.
-HWY_INLINE void horizontal_row(const DfcPlane& plane, const float* padded, float* to) {
+/// sum_k weights[k] from[i + k * step] + bias for i < count, and more up to a whole vector.
+/// kTaps 0: any number of them.
+template <std::size_t kTaps, bool kSigmoid>
+HWY_INLINE void slide(const float* weights, std::size_t taps, float bias, const float* from,
+                      std::size_t step, float* to, std::size_t count) {
   const D d;
   const std::size_t lanes = hn::Lanes(d);
-  const auto width = static_cast<std::size_t>(plane.map_width);
-  const auto kernel = static_cast<std::size_t>(plane.horizontal_kernel);
-  for (std::size_t x = 0; x < width; x += lanes) {
-    V sum = hn::Set(d, plane.horizontal_bias);
-    for (std::size_t k = 0; k < kernel; ++k) {
-      sum = hn::MulAdd(hn::Set(d, plane.horizontal[k]), hn::LoadU(d, padded + x + k), sum);
+  const std::size_t n = kTaps == 0 ? taps : kTaps;
+  for (std::size_t i = 0; i < count; i += lanes) {
+    const float* at = from + i;
+    V sum = hn::Set(d, bias);
+    for (std::size_t k = 0; k < n; ++k) {
+      sum = hn::MulAdd(hn::Set(d, weights[k]), hn::LoadU(d, at + k * step), sum);
     }
-    hn::StoreU(sum, d, to + x);
+    hn::StoreU(kSigmoid ? sigmoid(sum) : sum, d, to + i);
   }
 }
 
-/// One row of sigmoid(Kx1 convolution). Rows outside of the map are left out of the sum.
-HWY_INLINE void vertical_row(const DfcPlane& plane, const float* rows, std::size_t pitch, int y,
-                             float* to) {
-  const D d;
-  const std::size_t lanes = hn::Lanes(d);
-  const auto width = static_cast<std::size_t>(plane.map_width);
-  const int pad = (plane.vertical_kernel - 1) / 2;
-  const int first = std::max(0, pad - y);
-  const int last = std::min(plane.vertical_kernel, plane.map_height - y + pad);
-  const float* from = rows + static_cast<std::size_t>(y - pad + first) * pitch;
-  for (std::size_t x = 0; x < width; x += lanes) {
-    V sum = hn::Set(d, plane.vertical_bias);
-    const float* at = from + x;
-    for (int k = first; k < last; ++k, at += pitch) {
-      sum = hn::MulAdd(hn::Set(d, plane.vertical[k]), hn::LoadU(d, at), sum);
-    }
-    hn::StoreU(sigmoid(sum), d, to + x);
+template <bool kSigmoid>
+HWY_INLINE void slide_any(const float* weights, int taps, float bias, const float* from,
+                          std::size_t step, float* to, std::size_t count) {
+  if (taps == 5) {
+    slide<5, kSigmoid>(weights, 5, bias, from, step, to, count);
+  } else {
+    slide<0, kSigmoid>(weights, static_cast<std::size_t>(taps), bias, from, step, to, count);
   }
 }
 
-/// Every value of a row twice.
-HWY_INLINE void double_row(const float* from, std::size_t count, float* to) {
+/// Rows one behind the other with `pad` zeros before, between and behind them. Whole vectors are
+/// written, of which the next row covers what is too much.
+HWY_INLINE void space_rows(const float* from, std::size_t height, std::size_t width,
+                           std::size_t pad, std::size_t pitch, float* to) {
+  const D d;
+  const std::size_t lanes = hn::Lanes(d);
+  std::fill(to, to + pad, 0.0F);
+  float* row = to + pad;
+  for (std::size_t y = 0; y < height; ++y, row += pitch, from += width) {
+    const std::size_t rest = (height - y) * width;
+    for (std::size_t x = 0; x < width; x += lanes) {
+      hn::StoreU(load_up_to(from + x, rest - x), d, row + x);
+    }
+    std::size_t x = width;
+    do {
+      hn::StoreU(hn::Zero(d), d, row + x);
+      x += lanes;
+    } while (x < pitch);
+  }
+  std::fill(row, row + pad + kRowSlack, 0.0F);
+}
+
+HWY_INLINE void multiply_up_to(V gate, const float* features, float* out, std::size_t count) {
+  store_up_to(hn::Mul(load_up_to(features, count), gate), out, count);
+}
+
+/// Two rows of the output from one of gates: every gate serves 2x2 values.
+HWY_INLINE void multiply_doubled(const float* gates, const float* features, float* out,
+                                 std::size_t width) {
 #if HWY_TARGET == HWY_SCALAR
-  for (std::size_t i = 0; i < count; ++i) to[2 * i] = to[2 * i + 1] = from[i];
+  for (std::size_t i = 0; i < width; ++i) {
+    out[i] = features[i] * gates[i / 2];
+    out[width + i] = features[width + i] * gates[i / 2];
+  }
 #else
   const D d;
   const hn::RebindToSigned<D> di;
@@ -168,11 +191,16 @@ HWY_INLINE void double_row(const float* from, std::size_t count, float* to) {
   const auto low = hn::IndicesFromVec(d, iota);
   const auto high =
       hn::IndicesFromVec(d, hn::Add(iota, hn::Set(di, static_cast<std::int32_t>(lanes / 2))));
-  // Reads and writes beyond the row, into slack.
-  for (std::size_t i = 0; i < count; i += lanes) {
-    const V v = hn::LoadU(d, from + i);
-    hn::StoreU(hn::TableLookupLanes(v, low), d, to + 2 * i);
-    hn::StoreU(hn::TableLookupLanes(v, high), d, to + 2 * i + lanes);
+  for (std::size_t x = 0; x < width; x += 2 * lanes) {
+    const V v = hn::LoadU(d, gates + x / 2);
+    const V first = hn::TableLookupLanes(v, low);
+    multiply_up_to(first, features + x, out + x, width - x);
+    multiply_up_to(first, features + width + x, out + width + x, width - x);
+    if (x + lanes >= width) break;
+    const std::size_t next = x + lanes;
+    const V second = hn::TableLookupLanes(v, high);
+    multiply_up_to(second, features + next, out + next, width - next);
+    multiply_up_to(second, features + width + next, out + width + next, width - next);
   }
 #endif
 }
@@ -206,34 +234,44 @@ void depthwise_target(const DepthwisePlane& plane) {
 
 void dfc_plane_target(const DfcPlane& plane) {
   const auto map_width = static_cast<std::size_t>(plane.map_width);
+  const auto map_height = static_cast<std::size_t>(plane.map_height);
   const auto width = static_cast<std::size_t>(plane.width);
-  const std::size_t pitch = padded_pitch(plane.horizontal_kernel, plane.map_width);
   const auto pad = static_cast<std::size_t>((plane.horizontal_kernel - 1) / 2);
-  float* padded = plane.scratch;
-  float* rows = padded + pitch;
-  float* gates = rows + static_cast<std::size_t>(plane.map_height) * pitch;
-  float* wide = gates + pitch;
+  const auto above = static_cast<std::size_t>((plane.vertical_kernel - 1) / 2);
+  // The rows stand one behind the other with `pad` zeros between them, which are the right border
+  // of one and the left of the next, so that both convolutions run along the whole plane at once.
+  const std::size_t pitch = map_width + pad;
+  const std::size_t count = map_height * pitch;
+  float* rows = plane.scratch;
+  float* smoothed = rows + pad + count + pad + 2 * kRowSlack;
+  float* wide = smoothed + count + 2 * above * pitch + 2 * kRowSlack;
 
-  std::fill(padded, padded + pitch, 0.0F);
-  for (int y = 0; y < plane.map_height; ++y) {
-    std::memcpy(padded + pad, plane.map + static_cast<std::size_t>(y) * map_width,
-                map_width * sizeof(float));
-    horizontal_row(plane, padded, rows + static_cast<std::size_t>(y) * pitch);
+  space_rows(plane.map, map_height, map_width, pad, pitch, rows);
+
+  float* middle = smoothed + above * pitch;
+  std::fill(smoothed, middle, 0.0F);
+  slide_any<false>(plane.horizontal, plane.horizontal_kernel, plane.horizontal_bias, rows, 1,
+                   middle, count);
+  std::fill(middle + count, middle + count + above * pitch + kRowSlack, 0.0F);
+  const bool doubled = width == 2 * map_width && plane.height == 2 * plane.map_height;
+  // A few rows of gates, and the output that needs them: the sums of one overlap with the memory
+  // traffic of the other.
+  const std::size_t some = doubled ? std::max<std::size_t>(1, 64 / pitch) : map_height;
+  for (std::size_t first = 0; first < map_height; first += some) {
+    const std::size_t last = std::min(first + some, map_height);
+    slide_any<true>(plane.vertical, plane.vertical_kernel, plane.vertical_bias,
+                    smoothed + first * pitch, pitch, rows + first * pitch, (last - first) * pitch);
+    for (std::size_t y = first; doubled && y < last; ++y) {
+      const std::size_t at = 2 * y * width;
+      multiply_doubled(rows + y * pitch, plane.features + at, plane.output + at, width);
+    }
   }
-  const bool doubled = width == 2 * map_width;
-  int wide_row = -1;
+  if (doubled) return;
   for (int y = 0; y < plane.height; ++y) {
-    const int source = nearest_source(y, plane.height, plane.map_height);
-    if (source != wide_row) {
-      vertical_row(plane, rows, pitch, source, gates);
-      if (doubled) {
-        double_row(gates, map_width, wide);
-      } else {
-        for (int x = 0; x < plane.width; ++x) {
-          wide[x] = gates[nearest_source(x, plane.width, plane.map_width)];
-        }
-      }
-      wide_row = source;
+    const auto source = static_cast<std::size_t>(nearest_source(y, plane.height, plane.map_height));
+    for (int x = 0; x < plane.width; ++x) {
+      wide[x] = rows[source * pitch +
+                     static_cast<std::size_t>(nearest_source(x, plane.width, plane.map_width))];
     }
     const std::size_t at = static_cast<std::size_t>(y) * width;
     multiply_row(plane.features + at, wide, plane.output + at, width);

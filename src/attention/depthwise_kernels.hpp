@@ -55,9 +55,15 @@ struct DfcPlane {
   float* scratch = nullptr;  ///< dfc_scratch(...) floats
 };
 
-inline std::size_t dfc_scratch(int kernel, int map_height, int map_width, int width) {
-  return (static_cast<std::size_t>(map_height) + 2) * padded_pitch(kernel, map_width) +
-         static_cast<std::size_t>(width) + 4 * kRowSlack;
+inline std::size_t dfc_scratch(int horizontal_kernel, int vertical_kernel, int map_height,
+                               int map_width, int width) {
+  // Rows with zeros between them, twice, the second time with rows of zeros above and below.
+  const std::size_t pitch =
+      static_cast<std::size_t>(map_width) + static_cast<std::size_t>(horizontal_kernel);
+  return (2 * static_cast<std::size_t>(map_height) + static_cast<std::size_t>(vertical_kernel) +
+          2) *
+             pitch +
+         static_cast<std::size_t>(width) + 8 * kRowSlack;
 }
 
 void dfc_plane(const DfcPlane& plane);

@@ -25,6 +25,27 @@ constexpr std::size_t kRows = 8;
 constexpr std::size_t kRows = 4;
 #endif
 
+/// One vector of pixels for twice as many output channels: for the last pixels of a map, of which
+/// a tile of three would waste most.
+template <Activation kActivation, std::size_t... kIndex>
+HWY_INLINE void narrow_tile(const float* HWY_RESTRICT weights, const float* bias,
+                            const float* HWY_RESTRICT panel, std::size_t pitch, int depth,
+                            float* output, std::size_t output_stride, std::size_t rows,
+                            std::size_t pixels, std::index_sequence<kIndex...>) {
+  const D d;
+  V sums[sizeof...(kIndex)] = {hn::Set(d, bias[kIndex])...};
+  for (int k = 0; k < depth; ++k) {
+    const V x = hn::LoadU(d, panel);
+    ((sums[kIndex] = hn::MulAdd(hn::Set(d, weights[kIndex]), x, sums[kIndex])), ...);
+    panel += pitch;
+    weights += kPackedRows;
+  }
+  ((kIndex < rows
+        ? store_up_to(activate<kActivation>(sums[kIndex]), output + kIndex * output_stride, pixels)
+        : void()),
+   ...);
+}
+
 /// A row of the tile: three vectors of neighbouring pixels.
 struct Row {
   V a;
@@ -86,6 +107,15 @@ void all_rows(const Product& product, const float* panel, std::size_t pitch, std
   const PackedWeights& weights = *product.weights;
   const auto rows = static_cast<std::size_t>(weights.rows);
   const auto depth = static_cast<std::size_t>(weights.depth);
+  if (pixels <= hn::Lanes(D())) {
+    for (std::size_t row = 0; row < rows; row += kPackedRows) {
+      narrow_tile<kActivation>(
+          weights.values.data() + row * depth, weights.bias.data() + row, panel, pitch,
+          weights.depth, product.output + row * product.output_stride + begin,
+          product.output_stride, rows - row, pixels, std::make_index_sequence<kPackedRows>());
+    }
+    return;
+  }
   for (std::size_t row = 0; row < rows; row += kRows) {
     const float* block =
         weights.values.data() + row / kPackedRows * kPackedRows * depth + row % kPackedRows;
@@ -137,8 +167,16 @@ HWY_INLINE void pool_run(const float* upper, const float* lower, float* to, std:
         hn::Add(hn::LoadU(d, upper + 2 * i + lanes), hn::LoadU(d, lower + 2 * i + lanes));
     hn::StoreU(hn::Mul(quarter, pair_sums(low, high)), d, to + i);
   }
-  for (; i < count; ++i) {
-    to[i] = 0.25F * ((upper[2 * i] + lower[2 * i]) + (upper[2 * i + 1] + lower[2 * i + 1]));
+  if (i < count) {
+    // Up to two vectors of each row; what lies beyond is 0.
+    const std::size_t rest = 2 * (count - i);
+    const V low = hn::Add(load_up_to(upper + 2 * i, rest), load_up_to(lower + 2 * i, rest));
+    V high = hn::Zero(d);
+    if (rest > lanes) {
+      high = hn::Add(load_up_to(upper + 2 * i + lanes, rest - lanes),
+                     load_up_to(lower + 2 * i + lanes, rest - lanes));
+    }
+    store_up_to(hn::Mul(quarter, pair_sums(low, high)), to + i, count - i);
   }
 }
 

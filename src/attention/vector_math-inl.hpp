@@ -23,6 +23,22 @@ namespace hn = hwy::HWY_NAMESPACE;
 using D = hn::CappedTag<float, 16>;
 using V = hn::Vec<D>;
 
+// Masked loads and stores touch nothing beyond their lanes on these targets; elsewhere they may.
+#if HWY_TARGET == HWY_AVX2 || HWY_TARGET == HWY_AVX3 || HWY_TARGET == HWY_AVX3_DL
+
+/// 0 < n < lanes values, the other lanes 0. Reads nothing beyond them.
+HWY_INLINE V load_first(const float* at, std::size_t n) {
+  const D d;
+  return hn::MaskedLoad(hn::FirstN(d, n), d, at);
+}
+
+HWY_INLINE void store_first(V v, float* at, std::size_t n) {
+  const D d;
+  hn::BlendedStore(v, hn::FirstN(d, n), d, at);
+}
+
+#else
+
 /// 0 < n < lanes values, the other lanes 0. Reads nothing beyond them.
 HWY_INLINE V load_first(const float* at, std::size_t n) {
   const D d;
@@ -37,6 +53,8 @@ HWY_INLINE void store_first(V v, float* at, std::size_t n) {
   hn::Store(v, d, lanes);
   for (std::size_t i = 0; i < n; ++i) at[i] = lanes[i];
 }
+
+#endif
 
 HWY_INLINE V load_up_to(const float* at, std::size_t n) {
   const D d;

@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
 """Exports the layers and the networks as ONNX graphs with random weights.
 
-    python3 tests/attention/export_onnx.py <directory> [--only NAME...] [--size HEIGHT WIDTH]
+    python3 tests/attention/export_onnx.py <directory> [--only NAME...] [--size HEIGHT WIDTH] [--jit]
     python3 tests/attention/export_onnx.py --count
 
 Beside every <name>.onnx stands <name>.safetensors: the weights below "weights.", an input and
-PyTorch's output. --count prints parameters and multiply-additions of YOLOv5s-seg with C3 and with
+PyTorch's output; with --jit <name>.pt too, for libtorch. --count prints parameters and multiply-additions of YOLOv5s-seg with C3 and with
 GhostV2C3.
 """
 import argparse
@@ -51,13 +51,16 @@ def export(module, inputs, path, output_names=None):
                           output_names=output_names or ["output0"])
 
 
-def export_layer(name, directory, weights):
+def export_layer(name, directory, jit):
     make, shapes = LAYERS[name]
     torch.manual_seed(len(name))
     module = layers.randomize(make(), 7)
     inputs = [torch.randn(shape) for shape in shapes]
     export(module, inputs, os.path.join(directory, name + ".onnx"))
-    tensors = layers.state(module, "weights.") if weights else {}
+    tensors = layers.state(module, "weights.")
+    if jit:
+        traced = torch.jit.trace(module, tuple(inputs))
+        torch.jit.freeze(traced).save(os.path.join(directory, name + ".pt"))
     with torch.no_grad():
         tensors["output0"] = module(*inputs)
     for i, x in enumerate(inputs):
@@ -100,6 +103,7 @@ def main():
     parser.add_argument("directory", nargs="?")
     parser.add_argument("--only", nargs="+", choices=list(LAYERS) + list(networks))
     parser.add_argument("--size", nargs=2, type=int, default=(640, 640))
+    parser.add_argument("--jit", action="store_true")
     parser.add_argument("--count", action="store_true")
     arguments = parser.parse_args()
     torch.set_num_threads(1)
@@ -113,7 +117,7 @@ def main():
     os.makedirs(arguments.directory, exist_ok=True)
     for name in arguments.only or list(LAYERS) + list(networks):
         if name in LAYERS:
-            export_layer(name, arguments.directory, True)
+            export_layer(name, arguments.directory, arguments.jit)
         else:
             export_network(name, networks[name], arguments.directory, arguments.size)
 
