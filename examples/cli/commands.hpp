@@ -17,4 +17,7 @@ CLI::App* add_loops_command(CLI::App& app, std::function<int()>& run);
 CLI::App* add_scene_command(CLI::App& app, std::function<int()>& run);
 CLI::App* add_vocab_command(CLI::App& app, std::function<int()>& run);
 
+/// Only where the room `attention` is built.
+void add_fuse_command(CLI::App& app, std::function<int()>& run);
+
 }  // namespace dynslam::cli

@@ -22,6 +22,9 @@ int main(int argc, char** argv) {
   dynslam::cli::add_loops_command(app, run);
   dynslam::cli::add_scene_command(app, run);
   dynslam::cli::add_vocab_command(app, run);
+#ifdef DYNSLAM_CLI_WITH_ATTENTION
+  dynslam::cli::add_fuse_command(app, run);
+#endif
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
