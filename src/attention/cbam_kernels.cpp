@@ -20,20 +20,31 @@ namespace {
 
 constexpr float kLowest = -std::numeric_limits<float>::infinity();
 
-float dot(const float* a, const float* b, std::size_t count) {
+/// Products of one row with two vectors.
+HWY_INLINE void two_dots(const float* row, const float* a, const float* b, std::size_t count,
+                         float* of_a, float* of_b) {
   const D d;
   const std::size_t lanes = hn::Lanes(d);
-  V s0 = hn::Zero(d);
-  V s1 = s0;
+  V a0 = hn::Zero(d);
+  V a1 = a0;
+  V b0 = a0;
+  V b1 = a0;
   std::size_t i = 0;
   for (; i + 2 * lanes <= count; i += 2 * lanes) {
-    s0 = hn::MulAdd(hn::LoadU(d, a + i), hn::LoadU(d, b + i), s0);
-    s1 = hn::MulAdd(hn::LoadU(d, a + i + lanes), hn::LoadU(d, b + i + lanes), s1);
+    const V w0 = hn::LoadU(d, row + i);
+    const V w1 = hn::LoadU(d, row + i + lanes);
+    a0 = hn::MulAdd(w0, hn::LoadU(d, a + i), a0);
+    a1 = hn::MulAdd(w1, hn::LoadU(d, a + i + lanes), a1);
+    b0 = hn::MulAdd(w0, hn::LoadU(d, b + i), b0);
+    b1 = hn::MulAdd(w1, hn::LoadU(d, b + i + lanes), b1);
   }
   for (; i < count; i += lanes) {
-    s0 = hn::MulAdd(load_up_to(a + i, count - i), load_up_to(b + i, count - i), s0);
+    const V w = load_up_to(row + i, count - i);
+    a0 = hn::MulAdd(w, load_up_to(a + i, count - i), a0);
+    b0 = hn::MulAdd(w, load_up_to(b + i, count - i), b0);
   }
-  return sum_of(hn::Add(s0, s1));
+  *of_a = sum_of(hn::Add(a0, a1));
+  *of_b = sum_of(hn::Add(b0, b1));
 }
 
 /// Four channels of up to `count` pixels into the running maxima and sums.
@@ -186,13 +197,22 @@ void channel_gates_target(const Perceptron& net, const float* mean, const float*
   for (std::size_t r = 0; r < reduced; ++r) {
     const float* row = net.hidden_weight + r * channels;
     const float bias = net.hidden_bias == nullptr ? 0.0F : net.hidden_bias[r];
-    const float a = dot(row, mean, channels) + bias;
-    const float b = dot(row, largest, channels) + bias;
+    float a = 0.0F;
+    float b = 0.0F;
+    two_dots(row, mean, largest, channels, &a, &b);
+    a += bias;
+    b += bias;
     hidden[r] = (a < 0.0F ? 0.0F : a) + (b < 0.0F ? 0.0F : b);
   }
-  for (std::size_t c = 0; c < channels; ++c) {
-    const float bias = net.output_bias == nullptr ? 0.0F : net.output_bias[c];
-    gates[c] = dot(net.output_weight + c * reduced, hidden, reduced) + 2.0F * bias;
+  // Two rows at once, the last one twice where they are odd.
+  for (std::size_t c = 0; c < channels; c += 2) {
+    const std::size_t next = std::min(c + 1, channels - 1);
+    float first = 0.0F;
+    float second = 0.0F;
+    two_dots(hidden, net.output_weight + c * reduced, net.output_weight + next * reduced, reduced,
+             &first, &second);
+    gates[next] = second + 2.0F * (net.output_bias == nullptr ? 0.0F : net.output_bias[next]);
+    gates[c] = first + 2.0F * (net.output_bias == nullptr ? 0.0F : net.output_bias[c]);
   }
   const std::size_t lanes = hn::Lanes(d);
   for (std::size_t c = 0; c < channels; c += lanes) {

@@ -25,24 +25,37 @@ constexpr std::size_t kRows = 8;
 constexpr std::size_t kRows = 4;
 #endif
 
+// Columns of weights that are summed at once, so that their part of a panel stays in the first
+// cache (24 KiB of 32 or 48). What was summed so far waits in the output.
+constexpr std::size_t kDepthBlock = 128;
+
+/// A part of the depth: whether sums start there and whether they end there.
+struct Part {
+  int depth = 0;
+  bool first = true;
+  bool last = true;
+};
+
 /// One vector of pixels for twice as many output channels: for the last pixels of a map, of which
 /// a tile of three would waste most.
 template <Activation kActivation, std::size_t... kIndex>
 HWY_INLINE void narrow_tile(const float* HWY_RESTRICT weights, const float* bias,
-                            const float* HWY_RESTRICT panel, std::size_t pitch, int depth,
+                            const float* HWY_RESTRICT panel, std::size_t pitch, const Part& part,
                             float* output, std::size_t output_stride, std::size_t rows,
                             std::size_t pixels, std::index_sequence<kIndex...>) {
   const D d;
-  V sums[sizeof...(kIndex)] = {hn::Set(d, bias[kIndex])...};
-  for (int k = 0; k < depth; ++k) {
+  V sums[sizeof...(kIndex)] = {
+      (part.first ? hn::Set(d, bias[kIndex])
+                  : load_up_to(output + std::min(kIndex, rows - 1) * output_stride, pixels))...};
+  for (int k = 0; k < part.depth; ++k) {
     const V x = hn::LoadU(d, panel);
     ((sums[kIndex] = hn::MulAdd(hn::Set(d, weights[kIndex]), x, sums[kIndex])), ...);
     panel += pitch;
     weights += kPackedRows;
   }
-  ((kIndex < rows
-        ? store_up_to(activate<kActivation>(sums[kIndex]), output + kIndex * output_stride, pixels)
-        : void()),
+  ((kIndex < rows ? store_up_to(part.last ? activate<kActivation>(sums[kIndex]) : sums[kIndex],
+                                output + kIndex * output_stride, pixels)
+                  : void()),
    ...);
 }
 
@@ -57,6 +70,19 @@ HWY_INLINE void accumulate(Row& row, V weight, V x, V y, V z) {
   row.a = hn::MulAdd(weight, x, row.a);
   row.b = hn::MulAdd(weight, y, row.b);
   row.c = hn::MulAdd(weight, z, row.c);
+}
+
+HWY_INLINE Row start_row(const Part& part, float bias, const float* sums, std::size_t pixels) {
+  const D d;
+  const std::size_t lanes = hn::Lanes(d);
+  const V start = hn::Set(d, bias);
+  if (part.first) return {start, start, start};
+  if (pixels == 3 * lanes) {
+    return {hn::LoadU(d, sums), hn::LoadU(d, sums + lanes), hn::LoadU(d, sums + 2 * lanes)};
+  }
+  return {load_up_to(sums, pixels),
+          pixels > lanes ? load_up_to(sums + lanes, pixels - lanes) : start,
+          pixels > 2 * lanes ? load_up_to(sums + 2 * lanes, pixels - 2 * lanes) : start};
 }
 
 template <Activation kActivation>
@@ -80,14 +106,14 @@ HWY_INLINE void store_row(const Row& row, float* at, std::size_t pixels) {
 /// kRows output channels of one panel. The sequence stands for loops that must be unrolled.
 template <Activation kActivation, std::size_t... kIndex>
 HWY_INLINE void tile(const float* HWY_RESTRICT weights, const float* bias,
-                     const float* HWY_RESTRICT panel, std::size_t pitch, int depth, float* output,
-                     std::size_t output_stride, std::size_t rows, std::size_t pixels,
+                     const float* HWY_RESTRICT panel, std::size_t pitch, const Part& part,
+                     float* output, std::size_t output_stride, std::size_t rows, std::size_t pixels,
                      std::index_sequence<kIndex...>) {
   const D d;
   const std::size_t lanes = hn::Lanes(d);
-  Row tile_rows[kRows] = {
-      {hn::Set(d, bias[kIndex]), hn::Set(d, bias[kIndex]), hn::Set(d, bias[kIndex])}...};
-  for (int k = 0; k < depth; ++k) {
+  Row tile_rows[kRows] = {start_row(
+      part, bias[kIndex], output + std::min(kIndex, rows - 1) * output_stride, pixels)...};
+  for (int k = 0; k < part.depth; ++k) {
     const V x = hn::LoadU(d, panel);
     const V y = hn::LoadU(d, panel + lanes);
     const V z = hn::LoadU(d, panel + 2 * lanes);
@@ -95,33 +121,51 @@ HWY_INLINE void tile(const float* HWY_RESTRICT weights, const float* bias,
     panel += pitch;
     weights += kPackedRows;
   }
-  ((kIndex < rows
-        ? store_row<kActivation>(tile_rows[kIndex], output + kIndex * output_stride, pixels)
-        : void()),
-   ...);
+  if (part.last) {
+    ((kIndex < rows
+          ? store_row<kActivation>(tile_rows[kIndex], output + kIndex * output_stride, pixels)
+          : void()),
+     ...);
+  } else {
+    ((kIndex < rows
+          ? store_row<Activation::kNone>(tile_rows[kIndex], output + kIndex * output_stride, pixels)
+          : void()),
+     ...);
+  }
+}
+
+/// All output channels over one part of the depth, `at` columns in.
+template <Activation kActivation>
+void part_of_rows(const Product& product, const float* panel, std::size_t pitch, std::size_t begin,
+                  std::size_t pixels, std::size_t at, const Part& part) {
+  const PackedWeights& weights = *product.weights;
+  const auto rows = static_cast<std::size_t>(weights.rows);
+  const auto depth = static_cast<std::size_t>(weights.depth);
+  const bool narrow = pixels <= hn::Lanes(D());
+  const std::size_t step = narrow ? kPackedRows : kRows;
+  for (std::size_t row = 0; row < rows; row += step) {
+    const float* block = weights.values.data() + row / kPackedRows * kPackedRows * depth +
+                         row % kPackedRows + at * kPackedRows;
+    const float* bias = weights.bias.data() + row;
+    float* output = product.output + row * product.output_stride + begin;
+    if (narrow) {
+      narrow_tile<kActivation>(block, bias, panel, pitch, part, output, product.output_stride,
+                               rows - row, pixels, std::make_index_sequence<kPackedRows>());
+    } else {
+      tile<kActivation>(block, bias, panel, pitch, part, output, product.output_stride, rows - row,
+                        pixels, std::make_index_sequence<kRows>());
+    }
+  }
 }
 
 template <Activation kActivation>
 void all_rows(const Product& product, const float* panel, std::size_t pitch, std::size_t begin,
               std::size_t pixels) {
-  const PackedWeights& weights = *product.weights;
-  const auto rows = static_cast<std::size_t>(weights.rows);
-  const auto depth = static_cast<std::size_t>(weights.depth);
-  if (pixels <= hn::Lanes(D())) {
-    for (std::size_t row = 0; row < rows; row += kPackedRows) {
-      narrow_tile<kActivation>(
-          weights.values.data() + row * depth, weights.bias.data() + row, panel, pitch,
-          weights.depth, product.output + row * product.output_stride + begin,
-          product.output_stride, rows - row, pixels, std::make_index_sequence<kPackedRows>());
-    }
-    return;
-  }
-  for (std::size_t row = 0; row < rows; row += kRows) {
-    const float* block =
-        weights.values.data() + row / kPackedRows * kPackedRows * depth + row % kPackedRows;
-    tile<kActivation>(block, weights.bias.data() + row, panel, pitch, weights.depth,
-                      product.output + row * product.output_stride + begin, product.output_stride,
-                      rows - row, pixels, std::make_index_sequence<kRows>());
+  const auto depth = static_cast<std::size_t>(product.weights->depth);
+  for (std::size_t at = 0; at < depth; at += kDepthBlock) {
+    const std::size_t columns = std::min(kDepthBlock, depth - at);
+    const Part part = {static_cast<int>(columns), at == 0, at + columns == depth};
+    part_of_rows<kActivation>(product, panel + at * pitch, pitch, begin, pixels, at, part);
   }
 }
 

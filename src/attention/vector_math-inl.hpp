@@ -94,8 +94,7 @@ HWY_INLINE V sigmoid(V x) {
   const V whole = hn::ConvertTo(d, n);
   V r = hn::NegMulAdd(whole, hn::Set(d, 0.693359375F), t);
   r = hn::NegMulAdd(whole, hn::Set(d, -2.12194440e-4F), r);
-  V p = hn::Set(d, 1.0F / 5040.0F);
-  p = hn::MulAdd(p, r, hn::Set(d, 1.0F / 720.0F));
+  V p = hn::Set(d, 1.0F / 720.0F);
   p = hn::MulAdd(p, r, hn::Set(d, 1.0F / 120.0F));
   p = hn::MulAdd(p, r, hn::Set(d, 1.0F / 24.0F));
   p = hn::MulAdd(p, r, hn::Set(d, 1.0F / 6.0F));
