@@ -55,7 +55,10 @@ void add(benchmark::State& state) {
   for (std::size_t i = 0; i < 200; ++i) images.push_back(walk_image(i));
   Database database(kDatabaseWords);
   std::uint64_t id = 0;
-  for (auto _ : state) database.add(id++, images[id % 200]);
+  for (auto _ : state) {
+    database.add(id, images[id % 200]);
+    ++id;
+  }
 }
 BENCHMARK(add)->Iterations(2000);
 
