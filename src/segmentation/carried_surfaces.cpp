@@ -5,6 +5,7 @@
 #include <utility>
 
 #include <opencv2/calib3d.hpp>
+#include <opencv2/imgproc.hpp>
 
 namespace dynslam::segmentation {
 namespace {
@@ -44,6 +45,17 @@ int cell_at(cv::Point2f at, const HalfDepth& half) {
   const int x = std::clamp(static_cast<int>(std::lround(at.x)), 0, half.width - 1);
   const int y = std::clamp(static_cast<int>(std::lround(at.y)), 0, half.height - 1);
   return y * half.width + x;
+}
+
+// The cells of `in`, which covers the mask's window, in the smallest window.
+CellMask cut_out(const CellMask& mask, const cv::Mat& in) {
+  CellMask part;
+  const cv::Rect tight = cv::boundingRect(in);
+  if (tight.empty()) return part;
+  part.cells = tight + mask.cells.tl();
+  part.in = in(tight).clone();
+  part.z = mask.z(tight);
+  return part;
 }
 
 // How the ground moved: from the newest frame back to the older one, by the corners outside all
@@ -243,14 +255,15 @@ std::vector<CellMask> smooth_parts(const CellMask& mask, const DepthRefinementOp
       }
     }
     if (cells.size() < static_cast<std::size_t>(least)) continue;
-    CellMask part = mask;
-    part.in = cv::Mat::zeros(mask.in.size(), CV_8UC1);
+    cv::Mat in = cv::Mat::zeros(mask.in.size(), CV_8UC1);
     for (const int cell : cells) {
-      part.in.data[cell] = 255;
+      in.data[cell] = 255;
       rest.in.data[cell] = 0;
     }
-    parts.push_back(std::move(part));
+    parts.push_back(cut_out(mask, in));
   }
+  rest = cut_out(mask, rest.in);
+  if (rest.cells.empty()) return parts;
   parts.push_back(std::move(rest));
   return parts;
 }

@@ -90,6 +90,9 @@ cv::Point2f displacement_at(cv::Point2f at, const PointTracks& motion, cv::Point
   return sum * (1.0F / weight);
 }
 
+// The nearest whole number, for numbers above -10000; std::lround is a call.
+int nearest(float value) { return static_cast<int>(value + 10000.5F) - 10000; }
+
 // Cells of the half image that a box touches.
 cv::Rect cells_of(const cv::Rect& box) {
   const int x = box.x / 2;
@@ -167,14 +170,13 @@ CellMask move_cells(const CellMask& source, const PointTracks& motion, cv::Point
       const float wx = static_cast<float>(x % kGrid) / kGrid;
       const cv::Vec2f d = (above[gx] * (1 - wx) + above[gx + 1] * wx) * (1 - wy) +
                           (below[gx] * (1 - wx) + below[gx + 1] * wx) * wy;
-      const auto from_x = static_cast<int>(
-          std::lround(static_cast<float>(target.cells.x + x - source.cells.x) - d[0]));
-      const auto from_y = static_cast<int>(
-          std::lround(static_cast<float>(target.cells.y + y - source.cells.y) - d[1]));
+      const int from_x = nearest(static_cast<float>(target.cells.x + x - source.cells.x) - d[0]);
+      const int from_y = nearest(static_cast<float>(target.cells.y + y - source.cells.y) - d[1]);
       if (from_x < 0 || from_y < 0 || from_x >= source.cells.width ||
           from_y >= source.cells.height) {
         continue;
       }
+      if (source.in.at<std::uint8_t>(from_y, from_x) == 0) continue;
       in[x] = source.in.at<std::uint8_t>(from_y, from_x);
       z[x] = source.z.at<float>(from_y, from_x);
     }

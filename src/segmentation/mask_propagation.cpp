@@ -166,8 +166,8 @@ CellMask MaskPropagator::Impl::move_parts(const CellMask& was, const PointTracks
     for (std::size_t i = 0; i < all.from.size(); ++i) {
       const cv::Point cell = cv::Point(static_cast<int>(std::lround(all.from[i].x)),
                                        static_cast<int>(std::lround(all.from[i].y))) -
-                             was.cells.tl();
-      if (!cv::Rect(cv::Point(), was.cells.size()).contains(cell)) continue;
+                             part.cells.tl();
+      if (!cv::Rect(cv::Point(), part.cells.size()).contains(cell)) continue;
       if (part.in.at<std::uint8_t>(cell) == 0) continue;
       own.from.push_back(all.from[i]);
       own.to.push_back(all.to[i]);
