@@ -108,11 +108,32 @@ expect_failure 1 'mask.*12 images' loops scene/rgb --truth "$(find scene/mask -n
 printf 'no vocabulary' >words.txt
 expect_failure 1 'words.txt' loops --tum scene --vocabulary words.txt
 
+# --- segment -----------------------------------------------------------------------------------
+# The masks that were recorded are right; three frames old and carried they still mostly are.
+"$dynslam" segment recorded:scene/mask --tum scene --truth-masks scene/mask --out seg --json \
+  >segment.json 2>stderr || complain "segment: $(cat stderr)"
+grep -q '"mean_iou":1.0' segment.json || complain "recorded masks are not themselves"
+for key in images frames_scored ms network_ms backend segmenter sha256 inputs outputs; do
+  grep -q "\"$key\"" segment.json || complain "segment reports no $key"
+done
+[[ $(find seg/mask -name '*.png' | wc -l) == 12 ]] || complain "12 masks written"
+[[ $(find seg/overlay -name '*.jpg' | wc -l) == 12 ]] || complain "12 overlays written"
+"$dynslam" segment recorded:scene/mask --tum scene --truth-masks scene/mask --age 3 --json \
+  >segment.json 2>stderr || complain "segment --age: $(cat stderr)"
+grep -q '"age":3' segment.json || complain "segment does not say the masks' age"
+grep -q '"mean_iou_fresh":1.0' segment.json || complain "no score of the frames' own masks"
+awk -v iou="$(sed -n 's/.*"mean_iou":\([0-9.]*\).*/\1/p' segment.json)" 'BEGIN { exit !(iou > 0.7) }' ||
+  complain "carried masks miss: $(sed -n 's/.*\("mean_iou":[^,]*\).*/\1/p' segment.json)"
+
 # --- bad input ---------------------------------------------------------------------------------
 mkdir empty
 expect_failure 2 'system' run --tum scene --system nonsense --out x
 expect_failure 2 'out' run --tum scene
 expect_failure 2 'tum' run --out x
+expect_failure 2 'age' segment none --tum scene --age -1
+expect_failure 2 'IMAGE' segment none
+expect_failure 1 'stderr' segment none stderr
+expect_failure 1 'kind|yolo-seg' segment magic:beans --tum scene
 expect_failure 2 'subcommand' notacommand
 expect_failure 1 'nowhere' run --tum nowhere --out x
 expect_failure 1 'empty' run --tum empty --out x
