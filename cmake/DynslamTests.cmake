@@ -169,7 +169,7 @@ function(dynslam_configure_examples)
 endfunction()
 
 # The target header_checks: every public header of every enabled room compiles alone, and twice
-# in a row, as C++17 and as C++20 without a warning.
+# in a row, in every standard of DYNSLAM_HEADER_CHECK_STANDARDS without a warning.
 function(dynslam_configure_header_checks)
   add_custom_target(header_checks)
   dynslam_enabled_rooms(rooms)
@@ -201,7 +201,7 @@ function(dynslam_configure_header_checks)
       if(NOT ${group}_sources)
         continue()
       endif()
-      foreach(standard IN ITEMS 17 20)
+      foreach(standard IN LISTS DYNSLAM_HEADER_CHECK_STANDARDS)
         set(target header_checks_${room}_${group}_cxx${standard})
         add_library(${target} OBJECT EXCLUDE_FROM_ALL ${${group}_sources})
         set_target_properties(${target} PROPERTIES
