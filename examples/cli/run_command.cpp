@@ -142,7 +142,11 @@ CLI::App* add_run_command(CLI::App& app, std::function<int()>& work) {
       ->capture_default_str();
   command->add_option("--without", run_flags.without, "parts of the system to switch off")
       ->delimiter(',')
-      ->check(CLI::IsMember({"geometry", "rejection", "weights"}));
+      ->check(CLI::IsMember({"geometry", "rejection", "weights", "loops"}));
+  command
+      ->add_option("--vocabulary", run_flags.vocabulary,
+                   "words for loops and recognition; without, learnt on the way")
+      ->check(CLI::ExistingFile);
   command->add_option("--features", run_flags.features, "ORB features a frame")
       ->check(CLI::Range(100, 20000))
       ->capture_default_str();

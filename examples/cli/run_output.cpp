@@ -44,8 +44,19 @@ constexpr Stage kStages[] = {
     {"segment", [](const FrameRow& row) { return row.segment_ms; }},
     {"geometry", [](const FrameRow& row) { return row.ms.geometry; }},
     {"optimize", [](const FrameRow& row) { return row.ms.optimize; }},
-    {"map", [](const FrameRow& row) { return row.ms.map; }},
+    {"map", [](const FrameRow& row) { return row.ms.map + row.background.map; }},
+    {"loop", [](const FrameRow& row) { return row.background.loop; }},
 };
+
+Json to_json(const slam::LoopClosure& loop) {
+  return {{"query_frame", loop.query_frame},
+          {"match_frame", loop.match_frame},
+          {"query_time", loop.query_timestamp},
+          {"match_time", loop.match_timestamp},
+          {"inliers", loop.inliers},
+          {"visible", loop.visible},
+          {"moved", number(loop.moved)}};
+}
 
 bool processed(const FrameRow& row) { return row.state != "dropped" && row.state != "unreadable"; }
 
@@ -84,16 +95,15 @@ void write_frames(const fs::path& path, const RunOutcome& outcome) {
   out.imbue(std::locale::classic());
   out << "frame,timestamp,state,features,inliers,masked_share,mask_age,moving_features,moving_"
          "share,"
-         "keyframe,extract_ms,match_ms,segment_ms,geometry_ms,optimize_ms,map_ms,total_ms\n";
+         "keyframe,loops,extract_ms,match_ms,segment_ms,geometry_ms,optimize_ms,map_ms,loop_ms,"
+         "total_ms\n";
   for (const FrameRow& row : outcome.rows) {
     out << row.index << ',' << format("%.6f", row.timestamp) << ',' << row.state << ','
         << row.features << ',' << row.inliers << ',' << format("%.4f", row.masked_share) << ','
         << row.mask_age << ',' << row.moving_features << ',' << format("%.4f", row.moving_share)
-        << ',' << (row.keyframe ? 1 : 0);
-    for (const double ms : {row.ms.extract, row.ms.match, row.segment_ms, row.ms.geometry,
-                            row.ms.optimize, row.ms.map, row.total_ms}) {
-      out << ',' << format("%.3f", ms);
-    }
+        << ',' << (row.keyframe ? 1 : 0) << ',' << row.loops;
+    for (const Stage& stage : kStages) out << ',' << format("%.3f", stage.of(row));
+    out << ',' << format("%.3f", row.total_ms);
     out << '\n';
   }
   write_text(path, out.str());
@@ -164,7 +174,7 @@ Json summarize(const dataset::Sequence& sequence, const RunFlags& flags,
                {"dropped", outcome.count("dropped")},
                {"keyframes", map.keyframe_count()},
                {"map_points", map.point_count()},
-               {"loops", 0},
+               {"loops", outcome.system->loops().size()},
                {"relocalizations", outcome.count("relocalized")}};
   if (!sequence.truth().empty()) {
     const evaluation::AteResult ate = evaluation::ate(sequence.truth(), outcome.trajectory);
@@ -177,6 +187,9 @@ Json summarize(const dataset::Sequence& sequence, const RunFlags& flags,
   json["frames_per_second"] = number(static_cast<double>(outcome.rows.size()) / outcome.seconds);
   json["peak_memory_mb"] = number(std::round(peak_memory_mb() * 10.0) / 10.0);
   json["version"] = kVersion;
+  for (const slam::LoopClosure& loop : outcome.system->loops()) {
+    json["loop_closures"].push_back(to_json(loop));
+  }
   if (!outcome.problems.empty()) json["problems"] = outcome.problems;
   return json;
 }

@@ -11,6 +11,7 @@
 
 #include "dynslam/core/errors.hpp"
 #include "dynslam/dataset/read_ahead.hpp"
+#include "dynslam/loop/vocabulary_io.hpp"
 
 #include "mask_source.hpp"
 #include "progress.hpp"
@@ -49,7 +50,9 @@ FrameRow process(const dataset::Frame& frame, MaskSource& masks, slam::System& s
   row.keyframe = result.keyframe;
   row.moving_features = result.moving_features;
   row.moving_share = result.moving_share;
+  row.loops = result.loops;
   row.ms = result.ms;
+  row.background = result.background;
   row.total_ms = milliseconds_since(start);
   return row;
 }
@@ -95,6 +98,9 @@ void require_depth(const char* command, const dataset::Sequence& sequence) {
 slam::SystemOptions system_options(const RunFlags& flags) {
   slam::SystemOptions options;
   options.tracking.orb.max_features = flags.features;
+  options.loops.enabled = !flags.lacks("loops");
+  options.threading =
+      flags.sequential ? slam::Threading::kSequential : slam::Threading::kBackground;
   if (flags.system == "p-mixed") options.reject_matches = !flags.lacks("rejection");
   if (flags.system == "p-static") {
     options.geometry = !flags.lacks("geometry");
@@ -116,7 +122,10 @@ RunOutcome run_system(const dataset::Sequence& sequence, const RunFlags& flags) 
     cv::setNumThreads(threads_beside_tracking());
   }
   RunOutcome outcome;
-  outcome.system = std::make_unique<slam::System>(sequence.camera(), system_options(flags));
+  loop::Vocabulary vocabulary;
+  if (!flags.vocabulary.empty()) vocabulary = loop::load_vocabulary(flags.vocabulary);
+  outcome.system = std::make_unique<slam::System>(sequence.camera(), system_options(flags),
+                                                  std::move(vocabulary));
   MaskSource masks(flags);
   if (flags.asynchronous()) prepare(sequence, masks);
   dataset::ReadAhead frames(sequence);
@@ -141,6 +150,7 @@ RunOutcome run_system(const dataset::Sequence& sequence, const RunFlags& flags) 
   }
   outcome.seconds = std::chrono::duration<double>(Clock::now() - start).count();
   if (outcome.problems.size() == sequence.size()) throw IoError(outcome.problems.front());
+  outcome.system->finish();
   outcome.trajectory = outcome.system->trajectory();
   return outcome;
 }

@@ -26,8 +26,9 @@ struct RunFlags {
   int segment_every = 1;
   int features = 1000;
   int threads = 0;                    ///< of OpenCV; 0: its own choice
+  std::string vocabulary;             ///< file of words for loops; empty: learnt on the way
   std::string solver = "eliminated";  ///< of the weights: fixed, joint or eliminated
-  std::vector<std::string> without;   ///< parts switched off: geometry, rejection, weights
+  std::vector<std::string> without;   ///< parts switched off, see --without
   bool realtime = false;
   bool beside = false;  ///< segment on a thread of its own although frames wait
   bool sequential = false;
@@ -47,6 +48,7 @@ struct FrameRow {
   std::string state;  ///< TrackingState's name, "unreadable" or "dropped"
   int features = 0;
   int inliers = 0;
+  std::size_t loops = 0;      ///< closed so far
   int moving_features = 0;    ///< let go by geometry
   double moving_share = 0.0;  ///< of the image, by geometry
   double masked_share = 0.0;
@@ -54,6 +56,7 @@ struct FrameRow {
   bool keyframe = false;
   double segment_ms = 0.0;
   slam::StageTimes ms;
+  slam::BackgroundTimes background;
   double total_ms = 0.0;  ///< segmentation included where tracking waits for it
 };
 

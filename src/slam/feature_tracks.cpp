@@ -113,4 +113,8 @@ void FeatureTracks::remember(const TrackedFrame& frame) {
   if (past_.size() > kMostRemembered) past_.pop_back();
 }
 
+void FeatureTracks::move_world(const RigidTransform& T_before_after) {
+  for (Past& past : past_) past.T_cam_world = past.T_cam_world * T_before_after;
+}
+
 }  // namespace dynslam::slam

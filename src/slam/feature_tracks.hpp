@@ -29,6 +29,8 @@ class FeatureTracks {
   /// Keeps the frame judged last, under its final pose.
   void remember(const TrackedFrame& frame);
   void clear() { past_.clear(); }
+  /// Takes the frames kept along when the world is laid out anew.
+  void move_world(const RigidTransform& T_before_after);
 
  private:
   struct Past {

@@ -1,14 +1,10 @@
 #include "local_mapper.hpp"
 
 #include <algorithm>
-#include <cmath>
 #include <unordered_set>
+#include <utility>
 
-#include "dynslam/core/points.hpp"
-#include "dynslam/features/matcher.hpp"
-
-#include "local_bundle.hpp"
-#include "visibility.hpp"
+#include "map_bundle.hpp"
 
 namespace dynslam::slam {
 namespace {
@@ -16,29 +12,29 @@ namespace {
 constexpr std::size_t kTrialKeyframes = 3;     // a young point is on trial for as many keyframes
 constexpr std::size_t kTrialObservations = 2;  // and must have been seen by as many of them
 constexpr std::size_t kFuseNeighbours = 10;
-constexpr int kFuseDistance = 50;    // bits
-constexpr double kFuseRadius = 3.0;  // pixels at the finest level
-constexpr double kFuseGap = 0.05;    // share of depth between points that may be one
-constexpr int kMinShared = 15;       // points that make two keyframes neighbours
-constexpr float kNewWeight = 0.5F;   // belief in a new point where movers are looked for
-
-bool is_seen_by(const MapPoint& point, KeyframeId keyframe) {
-  return std::any_of(point.observations.begin(), point.observations.end(),
-                     [&](const Observation& o) { return o.keyframe == keyframe; });
-}
+constexpr int kMinShared = 15;               // points that make two keyframes neighbours
+constexpr float kNewWeight = 0.5F;           // belief in a new point where movers are looked for
+constexpr std::size_t kCullNeighbours = 20;  // keyframes looked at for being redundant
+constexpr std::size_t kRefreshAtOnce = 256;  // points refreshed in one hold of the map
 
 }  // namespace
 
 LocalMapper::LocalMapper(const DepthCamera& camera, const SystemOptions& options,
-                         const std::vector<float>& scale_factors)
-    : camera_(camera), options_(options), scale_factors_(scale_factors) {}
+                         const std::vector<float>& scale_factors, SharedMap& shared)
+    : camera_(camera),
+      options_(options),
+      scale_factors_(scale_factors),
+      shared_(shared),
+      fusion_(camera, scale_factors) {}
 
-KeyframeId LocalMapper::insert(Map& map, TrackedFrame& frame, std::size_t frame_index) {
+KeyframeId LocalMapper::insert(TrackedFrame& frame, std::size_t frame_index) {
+  Map& map = shared_.map;
   Keyframe keyframe;
   keyframe.frame_index = frame_index;
   keyframe.timestamp = frame.timestamp;
   keyframe.T_cam_world = frame.T_cam_world;
   keyframe.features = frame.features;
+  if (options_.geometry) keyframe.moving = frame.moving;
   const KeyframeId id = map.add_keyframe(std::move(keyframe));
   const RigidTransform T_world_cam = frame.T_cam_world.inverse();
   const FrameFeatures& features = *frame.features;
@@ -65,13 +61,16 @@ KeyframeId LocalMapper::insert(Map& map, TrackedFrame& frame, std::size_t frame_
   return id;
 }
 
-void LocalMapper::refine(Map& map, KeyframeId keyframe) {
-  drop_bad_points(map);
-  fuse_neighbours(map, keyframe);
-  if (options_.bundle_adjustment && map.keyframe_count() > 2) adjust_bundle(map, keyframe);
+void LocalMapper::refine(KeyframeId id, bool with_bundle, const std::atomic<bool>& stop) {
+  drop_bad_points();
+  fuse_neighbours(id, stop);
+  if (options_.bundle_adjustment && with_bundle) adjust_bundle(id, stop);
+  drop_redundant(id, stop);
 }
 
-void LocalMapper::drop_bad_points(Map& map) {
+void LocalMapper::drop_bad_points() {
+  const BackgroundLock lock(shared_.mutex);
+  Map& map = shared_.map;
   const auto settled = [&](PointId id) {
     const MapPoint* point = map.find_point(id);
     if (point == nullptr) return true;
@@ -90,116 +89,104 @@ void LocalMapper::drop_bad_points(Map& map) {
                       young_points_.end());
 }
 
-void LocalMapper::fuse_into(Map& map, const std::vector<PointId>& points, KeyframeId id) {
-  const Keyframe& keyframe = map.keyframe(id);
-  const Visibility visible(camera_, scale_factors_, keyframe.T_cam_world);
-  std::vector<PointId> candidates;
-  std::vector<cv::Point2f> pixels;
-  std::vector<float> radii;
-  std::vector<int> min_octaves, max_octaves;
-  std::vector<std::uint8_t> descriptors;
-  for (const PointId candidate : points) {
-    const MapPoint* point = map.find_point(candidate);
-    if (point == nullptr || is_seen_by(*point, id)) continue;
-    const auto sighting =
-        visible(point->position, point->normal, point->min_distance, point->max_distance);
-    if (!sighting) continue;
-    candidates.push_back(candidate);
-    pixels.emplace_back(static_cast<float>(sighting->pixel.x()),
-                        static_cast<float>(sighting->pixel.y()));
-    radii.push_back(static_cast<float>(kFuseRadius *
-                                       scale_factors_[static_cast<std::size_t>(sighting->octave)]));
-    min_octaves.push_back(sighting->octave - 1);
-    max_octaves.push_back(sighting->octave);
-    descriptors.insert(descriptors.end(), point->descriptor.begin(), point->descriptor.end());
+void LocalMapper::fuse_neighbours(KeyframeId id, const std::atomic<bool>& stop) {
+  const auto points_of = [&](KeyframeId keyframe) {
+    const BackgroundLock lock(shared_.mutex);
+    const Keyframe* found = shared_.map.find_keyframe(keyframe);
+    return found == nullptr ? std::vector<PointId>() : found->points;
+  };
+  std::vector<KeyframeId> neighbours;
+  {
+    const BackgroundLock lock(shared_.mutex);
+    if (shared_.map.find_keyframe(id) == nullptr) return;
+    neighbours = shared_.map.covisible_keyframes(id, kFuseNeighbours, kMinShared);
   }
-  const features::WindowPredictions windows{
-      pixels, radii, min_octaves, max_octaves,
-      DescriptorsView(descriptors.data(), 32, static_cast<int>(candidates.size()))};
-  features::WindowFeatures features;
-  features.grid = &keyframe.features->grid;
-  features.octaves = field(keyframe.features->keypoints, &cv::KeyPoint::octave);
-  features.descriptors = keyframe.features->descriptors_view();
-  features::WindowOptions options;
-  options.max_distance = kFuseDistance;
-  std::vector<Match> matches;
-  features::match_windowed(windows, features, options, matches);
-  for (const Match& match : matches) {
-    join(map, candidates[static_cast<std::size_t>(match.query)],
-         {id, static_cast<std::uint32_t>(match.train)});
-  }
-}
-
-// A point was found at a feature: it gets the observation, or is the same as the point there.
-void LocalMapper::join(Map& map, PointId candidate, const Observation& at) {
-  if (map.find_point(candidate) == nullptr) return;
-  const Keyframe& keyframe = map.keyframe(at.keyframe);
-  const PointId there = keyframe.points[at.feature];
-  if (there == kNoId) {
-    map.add_observation(candidate, at);
-    map.refresh_point(candidate, scale_factors_);
-    return;
-  }
-  // Points far apart along the ray look alike from here; only near ones are the same.
-  const Eigen::Vector3d& position = map.point(there).position;
-  const double gap = (position - map.point(candidate).position).norm();
-  if (gap > kFuseGap * (keyframe.T_cam_world * position).z()) return;
-  const bool keep_there =
-      map.point(there).observations.size() >= map.point(candidate).observations.size();
-  const PointId kept = keep_there ? there : candidate;
-  map.merge_points(keep_there ? candidate : there, kept);
-  map.refresh_point(kept, scale_factors_);
-}
-
-void LocalMapper::fuse_neighbours(Map& map, KeyframeId id) {
-  const std::vector<KeyframeId> neighbours =
-      map.covisible_keyframes(id, kFuseNeighbours, kMinShared);
   for (const KeyframeId neighbour : neighbours) {
-    fuse_into(map, std::vector<PointId>(map.keyframe(id).points), neighbour);
+    if (stop) return;
+    fusion_.fuse(shared_, points_of(id), neighbour);
   }
   std::vector<PointId> theirs;
   std::unordered_set<PointId> seen;
   for (const KeyframeId neighbour : neighbours) {
-    for (const PointId point : map.keyframe(neighbour).points) {
+    for (const PointId point : points_of(neighbour)) {
       if (point != kNoId && seen.insert(point).second) theirs.push_back(point);
     }
   }
-  fuse_into(map, theirs, id);
+  fusion_.fuse(shared_, theirs, id);
 }
 
-void LocalMapper::adjust_bundle(Map& map, KeyframeId id) {
-  LocalBundle bundle(map, id, options_.mapping.bundle_keyframes, scale_factors_);
-  bundle.solve(camera_, workspace_, map);
-  for (const PointId point : bundle.points()) {
-    if (map.find_point(point) != nullptr) map.refresh_point(point, scale_factors_);
+// Solves on a copy. A map that was corrected as a whole meanwhile has outdated the result.
+void LocalMapper::adjust_bundle(KeyframeId id, const std::atomic<bool>& stop) {
+  MapBundle bundle;
+  std::uint64_t corrections = 0;
+  {
+    const BackgroundLock lock(shared_.mutex);
+    if (shared_.map.find_keyframe(id) == nullptr || shared_.map.keyframe_count() <= 2) return;
+    bundle.collect_around(shared_.map, id, options_.mapping.bundle_keyframes, scale_factors_);
+    corrections = shared_.corrections;
+  }
+  if (!bundle.solve(camera_, workspace_, stop)) return;
+  {
+    const BackgroundLock lock(shared_.mutex);
+    if (shared_.corrections != corrections) return;
+    bundle.write_back(shared_.map);
+  }
+  const std::vector<PointId>& points = bundle.points();
+  for (std::size_t i = 0; i < points.size();) {
+    const BackgroundLock lock(shared_.mutex);
+    for (const std::size_t end = std::min(points.size(), i + kRefreshAtOnce); i < end; ++i) {
+      if (shared_.map.find_point(points[i]) == nullptr) continue;
+      shared_.map.refresh_point(points[i], scale_factors_);
+    }
   }
 }
 
-std::vector<KeyframeId> LocalMapper::redundant_keyframes(const Map& map, KeyframeId id) const {
-  std::vector<KeyframeId> redundant;
-  if (options_.mapping.redundant_share >= 1.0) return redundant;
-  for (const KeyframeId candidate : map.covisible_keyframes(id, 20, kMinShared)) {
-    const Keyframe& keyframe = map.keyframe(candidate);
-    if (keyframe.number == 0 || keyframe.number + 3 > map.keyframe(id).number) continue;
-    std::size_t points = 0, covered = 0;
-    for (std::size_t i = 0; i < keyframe.points.size(); ++i) {
-      const MapPoint* point = map.find_point(keyframe.points[i]);
-      if (point == nullptr) continue;
-      ++points;
-      const int octave = keyframe.features->keypoints[i].octave;
-      const auto as_fine = std::count_if(
-          point->observations.begin(), point->observations.end(), [&](const Observation& o) {
-            return o.keyframe != candidate &&
-                   map.keyframe(o.keyframe).features->keypoints[o.feature].octave <= octave + 1;
-          });
-      if (as_fine >= 3) ++covered;
+// Whether three others see enough of a keyframe's points at least as finely.
+bool LocalMapper::is_redundant(const Map& map, KeyframeId candidate) const {
+  const Keyframe& keyframe = map.keyframe(candidate);
+  std::size_t points = 0, covered = 0;
+  for (std::size_t i = 0; i < keyframe.points.size(); ++i) {
+    const MapPoint* point = map.find_point(keyframe.points[i]);
+    if (point == nullptr) continue;
+    ++points;
+    const int octave = keyframe.features->keypoints[i].octave;
+    const auto as_fine = std::count_if(
+        point->observations.begin(), point->observations.end(), [&](const Observation& o) {
+          return o.keyframe != candidate &&
+                 map.keyframe(o.keyframe).features->keypoints[o.feature].octave <= octave + 1;
+        });
+    if (as_fine >= 3) ++covered;
+  }
+  return static_cast<double>(covered) >
+         options_.mapping.redundant_share * static_cast<double>(points);
+}
+
+void LocalMapper::drop_redundant(KeyframeId id, const std::atomic<bool>& stop) {
+  std::vector<KeyframeId> candidates, redundant;
+  if (options_.mapping.redundant_share >= 1.0) return;
+  const Map& map = shared_.map;
+  {
+    const BackgroundLock lock(shared_.mutex);
+    const Keyframe* newest = map.find_keyframe(id);
+    if (newest == nullptr) return;
+    for (const KeyframeId candidate : map.covisible_keyframes(id, kCullNeighbours, kMinShared)) {
+      const std::size_t number = map.keyframe(candidate).number;
+      if (number != 0 && number + 3 <= newest->number) candidates.push_back(candidate);
     }
-    if (static_cast<double>(covered) >
-        options_.mapping.redundant_share * static_cast<double>(points)) {
+  }
+  for (const KeyframeId candidate : candidates) {
+    if (stop) return;
+    const BackgroundLock lock(shared_.mutex);
+    if (map.find_keyframe(candidate) != nullptr && is_redundant(map, candidate)) {
       redundant.push_back(candidate);
     }
   }
-  return redundant;
+  for (const KeyframeId keyframe : redundant) {
+    const BackgroundLock lock(shared_.mutex);
+    if (map.find_keyframe(keyframe) == nullptr) continue;
+    shared_.log.release(map, keyframe, id);
+    shared_.map.erase_keyframe(keyframe);
+  }
 }
 
 }  // namespace dynslam::slam

@@ -169,8 +169,9 @@ void Map::refresh_point(PointId id, Span<const float> scale_factors) {
 }
 
 void Map::clear() {
-  keyframes_ = {};
-  points_ = {};
+  for (const KeyframeId id : keyframe_ids()) keyframes_.erase(id);
+  for (const PointId id : point_ids()) points_.erase(id);
+  keyframes_made_ = 0;
 }
 
 }  // namespace dynslam::slam

@@ -130,4 +130,9 @@ float MoverDetector::staticness(cv::Point2f pixel) const {
   return 1.0F / (1.0F + std::exp(odds));
 }
 
+void MoverDetector::move_world(const RigidTransform& T_before_after) {
+  for (Reference& reference : references_)
+    reference.T_cam_world = reference.T_cam_world * T_before_after;
+}
+
 }  // namespace dynslam::slam

@@ -38,6 +38,8 @@ class MoverDetector {
 
   /// Forgets all references: the poses they were seen from mean nothing any more.
   void clear();
+  /// Takes the references along when the world is laid out anew.
+  void move_world(const RigidTransform& T_before_after);
 
   /// Result of `detect`: CV_8UC1, 0 static, 255 dynamic.
   const cv::Mat& mask() const { return mask_; }

@@ -31,9 +31,19 @@ void MappingOptions::validate() const {
           redundant_share, "a share in (0, 1]");
 }
 
+void LoopOptions::validate() const {
+  constexpr const char* kName = "LoopOptions";
+  require(first_vocabulary >= 2, kName, "first_vocabulary", first_vocabulary, "at least 2");
+  require(consistency >= 1, kName, "consistency", consistency, "at least 1");
+  require(min_inliers >= 6, kName, "min_inliers", min_inliers, "at least 6");
+  require(min_confirmed >= 0.0 && min_confirmed <= 1.0, kName, "min_confirmed", min_confirmed,
+          "a share in [0, 1]");
+}
+
 void SystemOptions::validate() const {
   tracking.validate();
   mapping.validate();
+  loops.validate();
 }
 
 }  // namespace dynslam::slam

@@ -29,6 +29,7 @@ struct Keyframe {
   RigidTransform T_cam_world;
   FrameFeaturesPtr features;
   std::vector<PointId> points;          ///< of each feature; kNoId = none
+  std::vector<std::uint8_t> moving;     ///< of each feature: 1 = it moved; may be empty
   std::map<KeyframeId, int> covisible;  ///< keyframes that see the same points: how many
 };
 
@@ -101,6 +102,7 @@ class Map {
   /// `scale_factors`: side of level 0 over that of each pyramid level. O(observations^2).
   void refresh_point(PointId id, Span<const float> scale_factors);
 
+  /// Erases everything; the ids stay used.
   void clear();
 
  private:

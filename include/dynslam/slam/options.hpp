@@ -5,6 +5,7 @@
 
 #include "dynslam/factors/pose_optimizer.hpp"
 #include "dynslam/features/orb.hpp"
+#include "dynslam/slam/loop_options.hpp"
 
 namespace dynslam::slam {
 
@@ -59,6 +60,12 @@ struct MappingOptions {
   void validate() const;
 };
 
+/// Who does what no frame has to wait for: local mapping and loop closing.
+enum class Threading {
+  kSequential,  ///< `System::track` itself, before it returns: repeatable bit for bit
+  kBackground,  ///< two threads that the system starts and ends with itself
+};
+
 /// Settings of System.
 struct SystemOptions {
   TrackingOptions tracking;
@@ -74,6 +81,10 @@ struct SystemOptions {
   factors::WeightMode weights = factors::WeightMode::kFixed;
   /// Refine keyframes and points by bundle adjustment after each keyframe.
   bool bundle_adjustment = true;
+  /// Loops and recognition; without Ceres there are none.
+  LoopOptions loops;
+  /// Who works on keyframes.
+  Threading threading = Threading::kSequential;
 
   /// Throws InvalidArgument naming the member that breaks its rule.
   void validate() const;

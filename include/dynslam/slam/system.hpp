@@ -10,7 +10,9 @@
 
 #include "dynslam/core/camera.hpp"
 #include "dynslam/core/trajectory.hpp"
+#include "dynslam/loop/vocabulary.hpp"
 #include "dynslam/slam/frame.hpp"
+#include "dynslam/slam/loop_closure.hpp"
 #include "dynslam/slam/map.hpp"
 #include "dynslam/slam/options.hpp"
 
@@ -33,8 +35,14 @@ struct StageTimes {
   double match = 0.0;     ///< prediction, windowed matching, recovery
   double geometry = 0.0;  ///< what moves, by depth
   double optimize = 0.0;  ///< pose
-  double map = 0.0;       ///< keyframes, points, bundle adjustment
+  double map = 0.0;       ///< making a keyframe
   double total = 0.0;     ///< the whole call
+};
+
+/// Milliseconds of work on keyframes; no frame waits for it with Threading::kBackground.
+struct BackgroundTimes {
+  double map = 0.0;   ///< local mapping: culling, fusion, local bundle adjustment
+  double loop = 0.0;  ///< loops: detection, correction, global bundle adjustment
 };
 
 /// Result of System::track.
@@ -49,8 +57,10 @@ struct FrameResult {
   int moving_features = 0;                    ///< let go because geometry says that they move
   float moving_share = 0.0F;                  ///< of the image, by geometry, 0..1
   bool keyframe = false;                      ///< the frame became a keyframe
+  std::size_t loops = 0;                      ///< closed so far
   bool depth_aligned = false;  ///< too few features: the pose rests on the depth image as well
   StageTimes ms;
+  BackgroundTimes background;  ///< finished since the last frame, on whichever thread
 };
 
 /// What geometry says about the image of a frame.
@@ -61,12 +71,18 @@ struct MoversView {
 
 /// Tracks an RGB-D camera in the map that it builds on the way.
 ///
-/// Poses are camera to world; the world is the camera frame of the first frame that had a map. The
-/// same input and options give the same output bit for bit. One thread at a time.
+/// Poses are camera to world; the world is the camera frame of the first frame that had a map.
+///
+/// Sequential (the default), the same input and options give the same output bit for bit. With
+/// Threading::kBackground keyframes are worked on by threads of the system's own beside tracking;
+/// the destructor ends them at the next opportunity, whatever they do. The functions here are
+/// called by one thread at a time either way.
 class System {
  public:
-  /// Throws InvalidArgument if the camera or an option is invalid.
-  explicit System(const DepthCamera& camera, const SystemOptions& options = {});
+  /// Throws InvalidArgument if the camera or an option is invalid, or if the vocabulary is not one
+  /// of descriptors of 32 bytes. An empty one: the system trains its own on the way.
+  explicit System(const DepthCamera& camera, const SystemOptions& options = {},
+                  loop::Vocabulary vocabulary = {});
   ~System();
   System(System&&) noexcept;
   System& operator=(System&&) noexcept;
@@ -74,17 +90,26 @@ class System {
   /// Takes the next frame. Throws InvalidArgument, changing nothing, if the image is empty or of
   /// another size or type than stated in FrameInput, if depth or mask do not fit it, or if the
   /// timestamp is not finite or not after the last one. A frame that cannot be tracked is a result,
-  /// not an error.
+  /// not an error. Throws what a background worker threw, if one did.
   FrameResult track(const FrameInput& frame);
 
-  /// Poses of all frames that have one, corrected by everything learned since. O(frames).
+  /// Waits until the background workers have done all that was asked for; throws what one threw.
+  /// Nothing to wait for when sequential. Tracking may go on afterwards.
+  void finish();
+
+  /// Poses of all frames that have one, corrected by everything learned since. O(frames). With
+  /// background workers: of this moment; call `finish` for the last word.
   Trajectory trajectory() const;
   /// Poses of the keyframes.
   Trajectory keyframe_trajectory() const;
 
+  /// Loops closed so far, with background workers those of this moment.
+  std::vector<LoopClosure> loops() const;
+
   /// What moved in the last frame; shares memory with the system until the next `track`.
   MoversView movers() const;
 
+  /// With background workers: between `finish` and the next `track` only, since they change it.
   const Map& map() const;
   const SystemOptions& options() const;
 

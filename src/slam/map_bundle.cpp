@@ -1,9 +1,11 @@
-#include "local_bundle.hpp"
+#include "map_bundle.hpp"
 
 #include <algorithm>
 #include <map>
 #include <unordered_set>
 #include <utility>
+
+#include "map_correction.hpp"
 
 namespace dynslam::slam {
 namespace {
@@ -13,8 +15,8 @@ constexpr std::size_t kMaxHeld = 30;  // keyframes held in place
 
 }  // namespace
 
-LocalBundle::LocalBundle(const Map& map, KeyframeId keyframe, int count,
-                         const std::vector<float>& scale_factors) {
+void MapBundle::collect_around(const Map& map, KeyframeId keyframe, int count,
+                               const std::vector<float>& scale_factors) {
   keyframes_ = map.covisible_keyframes(keyframe, static_cast<std::size_t>(count - 1), kMinShared);
   keyframes_.push_back(keyframe);
   free_count_ = keyframes_.size();
@@ -26,12 +28,25 @@ LocalBundle::LocalBundle(const Map& map, KeyframeId keyframe, int count,
     }
   }
   hold_observers(map);
+  add_poses(map);
   add_observations(map, scale_factors);
 }
 
-// Keyframes that see the points from outside stay where they are; without any, the oldest does, so
-// that the bundle cannot drift as a whole.
-void LocalBundle::hold_observers(const Map& map) {
+void MapBundle::collect_all(const Map& map, const std::vector<float>& scale_factors) {
+  keyframes_ = map.keyframe_ids();
+  free_count_ = keyframes_.size();
+  for (std::size_t i = 0; i < keyframes_.size(); ++i) {
+    index_.emplace(keyframes_[i], static_cast<std::uint32_t>(i));
+  }
+  for (const PointId id : map.point_ids()) {
+    if (map.point(id).observations.size() >= 2) points_.push_back(id);
+  }
+  add_poses(map);
+  add_observations(map, scale_factors);
+}
+
+// Keyframes that see the points from outside stay where they are.
+void MapBundle::hold_observers(const Map& map) {
   std::map<KeyframeId, int> outside;
   for (const PointId point : points_) {
     for (const Observation& o : map.point(point).observations) {
@@ -46,17 +61,23 @@ void LocalBundle::hold_observers(const Map& map) {
     index_.emplace(entry.second, static_cast<std::uint32_t>(keyframes_.size()));
     keyframes_.push_back(entry.second);
   }
+}
+
+// Without any that is held the oldest one is, so that the bundle cannot drift as a whole.
+void MapBundle::add_poses(const Map& map) {
   const auto older = [&](KeyframeId a, KeyframeId b) {
     return map.keyframe(a).number < map.keyframe(b).number;
   };
   const KeyframeId oldest = *std::min_element(keyframes_.begin(), keyframes_.end(), older);
+  const bool free = free_count_ == keyframes_.size();
   for (std::size_t i = 0; i < keyframes_.size(); ++i) {
     poses_.push_back(map.keyframe(keyframes_[i]).T_cam_world);
-    fixed_.push_back(i >= free_count_ || (held.empty() && keyframes_[i] == oldest));
+    fixed_.push_back(i >= free_count_ || (free && keyframes_[i] == oldest));
   }
+  before_ = poses_;
 }
 
-void LocalBundle::add_observations(const Map& map, const std::vector<float>& scale_factors) {
+void MapBundle::add_observations(const Map& map, const std::vector<float>& scale_factors) {
   for (const PointId id : points_) {
     const MapPoint& point = map.point(id);
     for (const Observation& o : point.observations) {
@@ -78,7 +99,8 @@ void LocalBundle::add_observations(const Map& map, const std::vector<float>& sca
   }
 }
 
-void LocalBundle::solve(const DepthCamera& camera, factors::BundleWorkspace& workspace, Map& map) {
+bool MapBundle::solve(const DepthCamera& camera, factors::BundleWorkspace& workspace,
+                      const std::atomic<bool>& stop) {
   inliers_.assign(observations_.size(), 0);
   factors::BundleProblem problem;
   problem.camera = camera;
@@ -87,13 +109,33 @@ void LocalBundle::solve(const DepthCamera& camera, factors::BundleWorkspace& wor
   problem.points_world = positions_;
   problem.observations = observations_;
   problem.inliers = inliers_;
-  const factors::BundleSummary summary = factors::optimize_bundle(problem, {}, &workspace);
-  if (factors::usable(summary.status)) write_back(map);
+  factors::BundleOptions options;
+  options.abort = &stop;
+  return factors::usable(factors::optimize_bundle(problem, options, &workspace).status);
 }
 
-void LocalBundle::write_back(Map& map) const {
-  for (std::size_t i = 0; i < free_count_; ++i) map.keyframe(keyframes_[i]).T_cam_world = poses_[i];
-  for (std::size_t i = 0; i < points_.size(); ++i) map.point(points_[i]).position = positions_[i];
+void MapBundle::write_back(Map& map) const {
+  for (std::size_t i = 0; i < free_count_; ++i) {
+    Keyframe* keyframe = map.find_keyframe(keyframes_[i]);
+    if (keyframe != nullptr) keyframe->T_cam_world = poses_[i];
+  }
+  write_points(map);
+}
+
+void MapBundle::write_back_and_carry(Map& map) const {
+  MapCorrection correction;
+  for (std::size_t i = 0; i < free_count_; ++i) {
+    correction.add(keyframes_[i], before_[i], poses_[i]);
+  }
+  correction.apply(map);
+  write_points(map);
+}
+
+void MapBundle::write_points(Map& map) const {
+  for (std::size_t i = 0; i < points_.size(); ++i) {
+    MapPoint* point = map.find_point(points_[i]);
+    if (point != nullptr) point->position = positions_[i];
+  }
   for (std::size_t i = 0; i < observations_.size(); ++i) {
     const PointId point = points_[observations_[i].point];
     if (inliers_[i] == 0 && map.find_point(point) != nullptr) {

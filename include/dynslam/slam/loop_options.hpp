@@ -1,0 +1,31 @@
+// Settings of loop closing.
+#pragma once
+
+#include <cstddef>
+
+namespace dynslam::slam {
+
+/// How loops are found and closed, and lost cameras recognized.
+struct LoopOptions {
+  /// Off: no loops; a lost camera is looked for in all keyframes in turn.
+  bool enabled = true;
+  /// Keyframes from which a vocabulary is trained where none is given, >= 2; trained again whenever
+  /// the map has four times as many. Engineering: a look-alike needs a few places to differ from.
+  int first_vocabulary = 20;
+  /// Keyframes in a row that must point to the same place, >= 1. Source: 3 (theory.md section 6).
+  int consistency = 3;
+  /// Map points of the old place that a keyframe must confirm in pixels and depth, >= 6. Source:
+  /// the field's habit of 40.
+  int min_inliers = 40;
+  /// Share of the map points of the old place, which should be seen from here, that must be
+  /// confirmed, [0, 1]: an object carried elsewhere brings its own points, not those around it.
+  /// Engineering.
+  double min_confirmed = 0.25;
+  /// Refine the whole map after a loop.
+  bool bundle_adjustment = true;
+
+  /// Throws InvalidArgument naming the member that breaks its rule.
+  void validate() const;
+};
+
+}  // namespace dynslam::slam

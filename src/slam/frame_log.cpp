@@ -1,0 +1,52 @@
+#include "frame_log.hpp"
+
+namespace dynslam::slam {
+
+RigidTransform FrameLog::pose_of(const Map& map, const Record& record) {
+  return record.T_cam_reference * map.keyframe(record.reference).T_cam_world;
+}
+
+void FrameLog::add(const Map& map, double timestamp,
+                   const std::optional<RigidTransform>& T_cam_world) {
+  Record record;
+  record.timestamp = timestamp;
+  if (T_cam_world) {
+    record.reference = reference;
+    record.T_cam_reference = *T_cam_world * map.keyframe(reference).T_cam_world.inverse();
+  }
+  records_.push_back(record);
+}
+
+void FrameLog::release(const Map& map, KeyframeId keyframe, KeyframeId fallback) {
+  const std::vector<KeyframeId> neighbours = map.covisible_keyframes(keyframe, 1);
+  const KeyframeId heir = neighbours.empty() ? fallback : neighbours.front();
+  const RigidTransform T_keyframe_heir =
+      map.keyframe(keyframe).T_cam_world * map.keyframe(heir).T_cam_world.inverse();
+  for (Record& record : records_) {
+    if (record.reference != keyframe) continue;
+    record.reference = heir;
+    record.T_cam_reference = record.T_cam_reference * T_keyframe_heir;
+  }
+  if (reference == keyframe) reference = heir;
+}
+
+void FrameLog::forget_poses() {
+  for (Record& record : records_) record.reference = kNoId;
+  reference = kNoId;
+}
+
+std::optional<RigidTransform> FrameLog::last_pose(const Map& map) const {
+  if (records_.empty() || records_.back().reference == kNoId) return std::nullopt;
+  return pose_of(map, records_.back());
+}
+
+Trajectory FrameLog::trajectory(const Map& map) const {
+  Trajectory poses;
+  for (const Record& record : records_) {
+    if (record.reference == kNoId) continue;
+    poses.push_back({record.timestamp, pose_of(map, record).normalized().inverse()});
+  }
+  return poses;
+}
+
+}  // namespace dynslam::slam

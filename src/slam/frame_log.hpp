@@ -1,0 +1,47 @@
+// Where every frame was, relative to the map.
+#pragma once
+
+#include <cstddef>
+#include <optional>
+#include <vector>
+
+#include "dynslam/core/rigid_transform.hpp"
+#include "dynslam/core/trajectory.hpp"
+#include "dynslam/slam/map.hpp"
+
+namespace dynslam::slam {
+
+/// Poses of all frames relative to keyframes, so that they follow when the map is corrected.
+class FrameLog {
+ public:
+  /// The keyframe that tracking goes by; new frames hang on it. kNoId: none.
+  KeyframeId reference = kNoId;
+
+  /// Appends a frame, with its pose if it has one.
+  void add(const Map& map, double timestamp, const std::optional<RigidTransform>& T_cam_world);
+  /// Hangs the frames of a keyframe on its best neighbour, or on `fallback`; call before the
+  /// keyframe is erased. O(frames).
+  void release(const Map& map, KeyframeId keyframe, KeyframeId fallback);
+  /// Forgets all poses, not the frames.
+  void forget_poses();
+
+  std::size_t size() const { return records_.size(); }
+  bool empty() const { return records_.empty(); }
+  double last_timestamp() const { return records_.back().timestamp; }
+  /// T_cam_world of the last frame under the present map, if it has one.
+  std::optional<RigidTransform> last_pose(const Map& map) const;
+  /// Poses camera to world of the frames that have one. O(frames).
+  Trajectory trajectory(const Map& map) const;
+
+ private:
+  struct Record {
+    double timestamp;
+    KeyframeId reference = kNoId;  // kNoId: no pose
+    RigidTransform T_cam_reference;
+  };
+  static RigidTransform pose_of(const Map& map, const Record& record);
+
+  std::vector<Record> records_;
+};
+
+}  // namespace dynslam::slam

@@ -1,0 +1,64 @@
+// Whether two keyframes show one place: by their features, then by the map around them.
+#pragma once
+
+#include <cstdint>
+#include <utility>
+#include <vector>
+
+#include "dynslam/core/camera.hpp"
+#include "dynslam/loop/verification.hpp"
+#include "dynslam/slam/loop_options.hpp"
+
+#include "keyframe_database.hpp"
+#include "local_map.hpp"
+#include "pose_estimation.hpp"
+#include "shared_map.hpp"
+
+namespace dynslam::slam {
+
+/// An old place that a keyframe shows again.
+struct LoopMatch {
+  KeyframeId query = kNoId;
+  KeyframeId match = kNoId;
+  RigidTransform T_query_match;
+  int inliers = 0;  ///< map points of the old place that the query confirms
+  int visible = 0;  ///< of those that it should see
+  std::vector<std::pair<std::uint32_t, PointId>> points;  ///< query's feature shows old point
+};
+
+/// Verifies loops. Copies what it needs of the map under its lock, works without.
+class LoopCheck {
+ public:
+  LoopCheck(const DepthCamera& camera, const std::vector<float>& scale_factors,
+            const LoopOptions& options, SharedMap& shared, const KeyframeDatabase& database);
+
+  /// First the motion between the two by three-point RANSAC over matched words, with depth on both
+  /// sides; then all map points around the candidate are looked for in the query under that motion,
+  /// and the pose is refined on them. Enough of them, and enough of those that should be seen, must
+  /// agree in pixels and depth; `found` is filled then.
+  loop::Verification verify(KeyframeId query, KeyframeId candidate, LoopMatch& found);
+
+ private:
+  /// A keyframe's features and where their points are in its camera; NaN where that is not known.
+  struct Side {
+    FrameFeaturesPtr features;
+    RigidTransform T_cam_world;
+    std::vector<Eigen::Vector3d> points;
+  };
+  bool copy(KeyframeId id, Side& side) const;
+  loop::Verification find_motion(KeyframeId query, KeyframeId candidate);
+  int confirm(const RigidTransform& T_query_world, double radius, LoopMatch& found);
+
+  DepthCamera camera_;
+  std::vector<float> scale_factors_;
+  LoopOptions options_;
+  SharedMap& shared_;
+  const KeyframeDatabase& database_;
+  Side query_, candidate_;
+  LocalMap place_;                   // the old place
+  std::vector<std::uint8_t> known_;  // by point of it: the query sees it already
+  PoseEstimation pose_;
+  RigidTransform refined_;
+};
+
+}  // namespace dynslam::slam

@@ -1,0 +1,176 @@
+#include "loop_closer.hpp"
+
+#include <algorithm>
+#include <unordered_map>
+#include <utility>
+
+#include "dynslam/factors/bundle_adjustment.hpp"
+
+#include "local_map.hpp"
+#include "map_bundle.hpp"
+
+namespace dynslam::slam {
+namespace {
+
+constexpr int kMinShared = 15;              // points that make two keyframes neighbours
+constexpr std::size_t kNeighbours = 20;     // of a keyframe, for consistency
+constexpr std::size_t kFuseKeyframes = 10;  // around the query that take the old points over
+constexpr int kPlaceKeyframes = 10;
+constexpr std::size_t kTrainingGrowth = 4;  // a vocabulary serves maps up to so many times larger
+
+loop::NeighboursOf neighbours_in(SharedMap& shared) {
+  return [&shared](std::uint64_t id) {
+    const BackgroundLock lock(shared.mutex);
+    if (shared.map.find_keyframe(id) == nullptr) return std::vector<KeyframeId>();
+    return shared.map.covisible_keyframes(id, kNeighbours, kMinShared);
+  };
+}
+
+}  // namespace
+
+LoopCloser::LoopCloser(const DepthCamera& camera, const SystemOptions& options,
+                       const std::vector<float>& scale_factors, loop::Vocabulary vocabulary,
+                       SharedMap& shared)
+    : camera_(camera),
+      options_(options.loops),
+      bundle_adjustment_(options.bundle_adjustment && options.loops.bundle_adjustment),
+      scale_factors_(scale_factors),
+      shared_(shared),
+      database_(std::move(vocabulary), options.loops, neighbours_in(shared)),
+      check_(camera, scale_factors, options.loops, shared, database_),
+      fusion_(camera, scale_factors),
+      next_training_(database_.ready() ? 0 : static_cast<std::size_t>(options_.first_vocabulary)) {}
+
+// What a feature counts: what its map point is believed to stand still; nothing on a mover.
+KeyframeLook LoopCloser::look_of(const Map& map, KeyframeId id) const {
+  const Keyframe& keyframe = map.keyframe(id);
+  KeyframeLook look{id, keyframe.features, std::vector<float>(keyframe.features->size(), 1.0F)};
+  for (std::size_t i = 0; i < look.weights.size(); ++i) {
+    const MapPoint* point = map.find_point(keyframe.points[i]);
+    if (point != nullptr) {
+      look.weights[i] = point->static_weight;
+    } else if (!keyframe.moving.empty() && keyframe.moving[i] != 0) {
+      look.weights[i] = 0.0F;
+    }
+  }
+  return look;
+}
+
+void LoopCloser::forget_erased() {
+  std::vector<KeyframeId> erased;
+  {
+    const BackgroundLock lock(shared_.mutex);
+    for (const KeyframeId id : stored_) {
+      if (shared_.map.find_keyframe(id) == nullptr) erased.push_back(id);
+    }
+  }
+  for (const KeyframeId id : erased) {
+    database_.remove(id);
+    stored_.erase(std::remove(stored_.begin(), stored_.end(), id), stored_.end());
+  }
+}
+
+// True if it trained: all keyframes are stored under the new vocabulary then.
+bool LoopCloser::train_if_due() {
+  if (next_training_ == 0 || stored_.size() < next_training_) return false;
+  std::vector<KeyframeLook> looks;
+  for (const KeyframeId id : stored_) {
+    const BackgroundLock lock(shared_.mutex);
+    if (shared_.map.find_keyframe(id) != nullptr) looks.push_back(look_of(shared_.map, id));
+  }
+  next_training_ = kTrainingGrowth * stored_.size();
+  return database_.train(looks);
+}
+
+void LoopCloser::process(KeyframeId id, const std::atomic<bool>& stop) {
+  forget_erased();
+  KeyframeLook look;
+  std::vector<KeyframeId> covisible;
+  {
+    const BackgroundLock lock(shared_.mutex);
+    if (shared_.map.find_keyframe(id) == nullptr) return;
+    look = look_of(shared_.map, id);
+    covisible = shared_.map.covisible_keyframes(id, shared_.map.keyframe_count(), kMinShared);
+  }
+  stored_.push_back(id);
+  if (train_if_due() || !database_.ready() || stop) return;
+  std::unordered_map<KeyframeId, LoopMatch> matches;
+  const loop::LoopResult result =
+      database_.detect(look, covisible, [&](std::uint64_t query, std::uint64_t candidate) {
+        return check_.verify(query, candidate, matches[candidate]);
+      });
+  if (result && !stop) close(matches.at(result.match), stop);
+}
+
+void LoopCloser::close(const LoopMatch& match, const std::atomic<bool>& stop) {
+  if (!correct(match)) return;
+  database_.forget_queries();
+  fuse(match, stop);
+  if (bundle_adjustment_ && !stop) adjust_all(stop);
+}
+
+// Spreads the loop's error over the essential graph.
+bool LoopCloser::correct(const LoopMatch& match) {
+  EssentialGraph graph;
+  {
+    const BackgroundLock lock(shared_.mutex);
+    graph.collect(shared_.map, closed_);
+  }
+  if (!graph.add_loop(match) || !graph.solve()) return false;
+  const MapCorrection correction = graph.correction();
+  const BackgroundLock lock(shared_.mutex);
+  const Keyframe* query = shared_.map.find_keyframe(match.query);
+  const Keyframe* old = shared_.map.find_keyframe(match.match);
+  if (query == nullptr || old == nullptr) return false;
+  LoopClosure closure;
+  closure.query_frame = query->frame_index;
+  closure.match_frame = old->frame_index;
+  closure.query_timestamp = query->timestamp;
+  closure.match_timestamp = old->timestamp;
+  closure.T_query_match = match.T_query_match;
+  closure.inliers = match.inliers;
+  closure.visible = match.visible;
+  const Eigen::Vector3d before = query->T_cam_world.inverse().t;
+  correction.apply(shared_.map);
+  ++shared_.corrections;
+  closure.moved = (query->T_cam_world.inverse().t - before).norm();
+  closures_.push_back(closure);
+  closed_.push_back(match);
+  return true;
+}
+
+// What both sides of the loop see becomes one, in the query and around it.
+void LoopCloser::fuse(const LoopMatch& match, const std::atomic<bool>& stop) {
+  LocalMap place;
+  std::vector<KeyframeId> around;
+  {
+    const BackgroundLock lock(shared_.mutex);
+    if (shared_.map.find_keyframe(match.query) == nullptr) return;
+    for (const auto& [feature, point] : match.points) {
+      fusion_.join(shared_.map, point, {match.query, feature}, {});
+    }
+    around = shared_.map.covisible_keyframes(match.query, kFuseKeyframes, kMinShared);
+    around.insert(around.begin(), match.query);
+    place.collect(shared_.map, {}, match.match, kPlaceKeyframes);
+  }
+  for (const KeyframeId keyframe : around) {
+    if (stop) return;
+    fusion_.fuse(shared_, place.ids, keyframe);
+  }
+}
+
+// All keyframes and points; tracking and local mapping go on meanwhile.
+void LoopCloser::adjust_all(const std::atomic<bool>& stop) {
+  MapBundle bundle;
+  {
+    const BackgroundLock lock(shared_.mutex);
+    if (shared_.map.keyframe_count() == 0) return;
+    bundle.collect_all(shared_.map, scale_factors_);
+  }
+  if (!bundle.solve(camera_, workspace_, stop)) return;
+  const BackgroundLock lock(shared_.mutex);
+  bundle.write_back_and_carry(shared_.map);
+  ++shared_.corrections;
+}
+
+}  // namespace dynslam::slam

@@ -1,0 +1,80 @@
+#include "loop_correction.hpp"
+
+#include <algorithm>
+
+namespace dynslam::slam {
+namespace {
+
+constexpr int kManyShared = 100;  // points that make an edge beside the spanning tree
+
+// Median distance of a keyframe's points along its axis; 1 m if it has none.
+double depth_of(const Map& map, const Keyframe& keyframe) {
+  std::vector<double> depths;
+  for (const PointId id : keyframe.points) {
+    const MapPoint* point = map.find_point(id);
+    if (point != nullptr) depths.push_back((keyframe.T_cam_world * point->position).z());
+  }
+  if (depths.empty()) return 1.0;
+  const auto middle = depths.begin() + static_cast<std::ptrdiff_t>(depths.size() / 2);
+  std::nth_element(depths.begin(), middle, depths.end());
+  return std::max(*middle, 1e-3);
+}
+
+}  // namespace
+
+void EssentialGraph::add_edge(std::uint32_t from, std::uint32_t to, const RigidTransform& T_to_from,
+                              int points) {
+  factors::PoseGraphEdge edge;
+  edge.from = from;
+  edge.to = to;
+  edge.T_to_from = T_to_from;
+  edge.information.topLeftCorner<3, 3>() /= depth_ * depth_;
+  edge.information *= std::max(points, 1);
+  edges_.push_back(edge);
+}
+
+void EssentialGraph::collect(const Map& map, const std::vector<LoopMatch>& loops) {
+  keyframes_ = map.keyframe_ids();
+  for (const KeyframeId id : keyframes_) {
+    index_.emplace(id, static_cast<std::uint32_t>(index_.size()));
+    before_.push_back(map.keyframe(id).T_cam_world);
+  }
+  poses_ = before_;
+  depth_ = depth_of(map, map.keyframe(keyframes_.back()));
+  for (std::uint32_t to = 1; to < keyframes_.size(); ++to) {
+    // Neighbours come with the most shared points first: the first older one is the parent.
+    bool parent = false;
+    const auto& covisible = map.keyframe(keyframes_[to]).covisible;
+    for (const KeyframeId id : map.covisible_keyframes(keyframes_[to], covisible.size())) {
+      const std::uint32_t from = index_.at(id);
+      if (from > to) continue;
+      const int shared = covisible.at(id);
+      if (parent && shared < kManyShared) break;
+      add_edge(from, to, before_[to] * before_[from].inverse(), shared);
+      parent = true;
+    }
+    if (!parent) add_edge(to - 1, to, before_[to] * before_[to - 1].inverse(), 1);
+  }
+  for (const LoopMatch& loop : loops) add_loop(loop);
+}
+
+bool EssentialGraph::add_loop(const LoopMatch& loop) {
+  const auto from = index_.find(loop.match), to = index_.find(loop.query);
+  if (from == index_.end() || to == index_.end()) return false;
+  add_edge(from->second, to->second, loop.T_query_match, loop.inliers);
+  return true;
+}
+
+bool EssentialGraph::solve() {
+  return factors::usable(factors::optimize_pose_graph(poses_, edges_).status);
+}
+
+MapCorrection EssentialGraph::correction() const {
+  MapCorrection correction;
+  for (std::size_t i = 0; i < keyframes_.size(); ++i) {
+    correction.add(keyframes_[i], before_[i], poses_[i]);
+  }
+  return correction;
+}
+
+}  // namespace dynslam::slam

@@ -1,0 +1,280 @@
+#include "tracking_session.hpp"
+
+#include <algorithm>
+#include <utility>
+
+#include "stopwatch.hpp"
+
+namespace dynslam::slam {
+namespace {
+
+constexpr int kMinFirstPoints = 100;              // features with depth that start a map
+constexpr double kMaxExtrapolation = 0.5;         // seconds over which a velocity is believed
+constexpr std::size_t kRelocalizationTries = 12;  // keyframes compared with a lost frame
+constexpr double kRestartAfter = 1.0;  // seconds lost after which a map of few keyframes is dropped
+constexpr std::size_t kRestartKeyframes = 3;
+constexpr int kWantedPoints = 100;  // a frame that tracks fewer, and could have
+constexpr int kSparePoints = 70;    // so many more, becomes a keyframe
+
+}  // namespace
+
+TrackingSession::TrackingSession(const DepthCamera& camera, const SystemOptions& options,
+                                 FrameBuilder& builder, SharedMap& shared, Backend& backend)
+    : options_(options),
+      builder_(builder),
+      shared_(shared),
+      backend_(backend),
+      tracker_(camera, options, builder.scale_factors()),
+      tracks_(camera, builder.scale_factors()),
+      movers_(camera) {}
+
+template <typename Work>
+void TrackingSession::without_map(TrackingLock& lock, const Work& work) {
+  lock.unlock();
+  work();
+  lock.lock();
+  follow_corrections();
+}
+
+// A map that was corrected as a whole takes the poses along that are kept outside of it.
+void TrackingSession::follow_corrections() {
+  if (corrections_ == shared_.corrections) return;
+  corrections_ = shared_.corrections;
+  tracker_.forget_alignment();
+  const std::optional<RigidTransform> corrected = shared_.log.last_pose(shared_.map);
+  if (!corrected) {
+    movers_.clear();
+    tracks_.clear();
+    return;
+  }
+  const RigidTransform T_before_after = last_.T_cam_world.inverse() * *corrected;
+  movers_.move_world(T_before_after);
+  tracks_.move_world(T_before_after);
+  current_.T_cam_world = current_.T_cam_world * T_before_after;
+  last_.T_cam_world = *corrected;
+}
+
+bool TrackingSession::initialize(FrameResult& result, TrackingLock& lock) {
+  const auto& depths = current_.features->depths;
+  const auto with_depth =
+      std::count_if(depths.begin(), depths.end(), [](float z) { return z > 0; });
+  if (with_depth < kMinFirstPoints) return false;
+  current_.T_cam_world = RigidTransform();
+  make_keyframe(result, lock);
+  return true;
+}
+
+// Tracks from the last frame. The map may have been corrected since, so its pose is read anew.
+bool TrackingSession::follow(TrackingLock& lock) {
+  last_.T_cam_world = *shared_.log.last_pose(shared_.map);
+  const double dt = current_.timestamp - last_.timestamp;
+  tracker_.forget_velocity();
+  tracker_.forget_alignment();
+  if (velocity_ && dt <= kMaxExtrapolation) tracker_.set_velocity(se3_exp(dt * *velocity_));
+  geometry::DepthCheck depth_check;
+  if (options_.geometry && !current_.depth.empty()) {
+    depth_check = [this](const RigidTransform& T_cam_world) {
+      return movers_.static_share(current_.depth, T_cam_world, current_.timestamp);
+    };
+  }
+  if (depth_check) without_map(lock, [this] { tracker_.align_background(last_, current_); });
+  const Map& map = shared_.map;
+  if (tracker_.track_last_frame(map, last_, current_, depth_check)) return true;
+  if (tracker_.align_depth(last_, current_)) {
+    if (!tracker_.track_last_frame(map, last_, current_, depth_check)) {
+      current_.reset(current_.features, current_.timestamp);
+      current_.T_cam_world = tracker_.expected_pose(last_);
+    }
+    return true;
+  }
+  return tracker_.match_keyframe(map, shared_.log.reference, current_);
+}
+
+std::vector<KeyframeId> TrackingSession::relocalization_candidates() {
+  const Map& map = shared_.map;
+  const KeyframeId reference = shared_.log.reference;
+  std::vector<KeyframeId> candidates;
+  const auto add = [&](KeyframeId id) {
+    const bool known = std::find(candidates.begin(), candidates.end(), id) != candidates.end();
+    if (!known && map.find_keyframe(id) != nullptr) candidates.push_back(id);
+  };
+  for (const KeyframeId id : backend_.similar(*current_.features, kRelocalizationTries / 2)) {
+    add(id);
+  }
+  add(reference);
+  for (const KeyframeId id : map.covisible_keyframes(reference, kRelocalizationTries / 2 - 1)) {
+    add(id);
+  }
+  // The rest of the map in turns, a few keyframes for each lost frame.
+  const std::vector<KeyframeId> all = map.keyframe_ids();
+  for (std::size_t i = 0; i < all.size() && candidates.size() < kRelocalizationTries; ++i) {
+    add(all[next_candidate_++ % all.size()]);
+  }
+  return candidates;
+}
+
+bool TrackingSession::relocalize() {
+  for (const KeyframeId candidate : relocalization_candidates()) {
+    current_.reset(current_.features, current_.timestamp);
+    if (!tracker_.match_keyframe(shared_.map, candidate, current_)) continue;
+    const int inliers = tracker_.track_local_map(shared_.map, candidate, current_, true);
+    if (inliers >= options_.tracking.min_relocalization_inliers) return true;
+  }
+  return false;
+}
+
+void TrackingSession::restart_if_hopeless() {
+  const bool hopeless = shared_.map.keyframes_made() <= kRestartKeyframes &&
+                        current_.timestamp - lost_since_ > kRestartAfter;
+  if (!hopeless) return;
+  shared_.map.clear();
+  shared_.log.forget_poses();
+  movers_.clear();
+  tracks_.clear();
+  state_ = TrackingState::kNotInitialized;
+}
+
+bool TrackingSession::wants_keyframe(int inliers) const {
+  if (!backend_.accepts_keyframe()) return false;
+  if (frames_since_keyframe_ < static_cast<std::size_t>(options_.mapping.min_frames)) return false;
+  if (frames_since_keyframe_ >= static_cast<std::size_t>(options_.mapping.max_frames)) return true;
+  const Map& map = shared_.map;
+  const std::size_t min_observations = map.keyframe_count() > 2 ? 3 : 2;
+  int reference_points = 0;
+  for (const PointId id : map.keyframe(shared_.log.reference).points) {
+    const MapPoint* point = map.find_point(id);
+    if (point != nullptr && point->observations.size() >= min_observations) ++reference_points;
+  }
+  int spare = 0;
+  for (std::size_t i = 0; i < current_.points.size(); ++i) {
+    if (current_.points[i] == kNoId && current_.features->depths[i] > 0.0F) ++spare;
+  }
+  return inliers < options_.mapping.keyframe_share * reference_points ||
+         (inliers < kWantedPoints && spare > kSparePoints);
+}
+
+void TrackingSession::make_keyframe(FrameResult& result, TrackingLock& lock) {
+  {
+    const ScopedTimer timer(result.ms.map);
+    shared_.log.reference = backend_.insert(current_, shared_.log.size());
+  }
+  const KeyframeId keyframe = shared_.log.reference;
+  result.keyframe = true;
+  frames_since_keyframe_ = 0;
+  without_map(lock, [&] { backend_.process(keyframe); });
+  const Keyframe* refined = shared_.map.find_keyframe(keyframe);
+  if (refined != nullptr) current_.T_cam_world = refined->T_cam_world;
+}
+
+void TrackingSession::update_velocity() {
+  velocity_.reset();
+  const std::optional<RigidTransform> T_last_world = shared_.log.last_pose(shared_.map);
+  if (!T_last_world) return;
+  const double dt = current_.timestamp - last_.timestamp;
+  velocity_ = se3_log(current_.T_cam_world * T_last_world->inverse()) / dt;
+}
+
+// Lets go of the features that move by geometry, given a first pose of the frame.
+void TrackingSession::find_movers(FrameResult& result, TrackingLock& lock) {
+  if (!options_.geometry || current_.depth.empty()) return;
+  const ScopedTimer timer(result.ms.geometry);
+  without_map(lock, [this] {
+    tracks_.judge(current_);
+    movers_.detect(current_, tracks_.verdicts());
+  });
+  result.moving_share = static_cast<float>(movers_.masked_share());
+  current_.cell_trust = movers_.trust();
+  for (std::size_t i = 0; i < current_.points.size(); ++i) {
+    const cv::Point2f pixel = current_.features->keypoints[i].pt;
+    current_.staticness[i] = movers_.staticness(pixel);
+    const bool covered =
+        movers_.mask().at<std::uint8_t>(cv::Point(cvRound(pixel.x), cvRound(pixel.y))) != 0;
+    if (!covered && tracks_.verdicts()[i].verdict != geometry::Verdict::kDynamic) continue;
+    current_.moving[i] = 1;
+    current_.rejected[i] = 1;
+    current_.points[i] = kNoId;
+    ++result.moving_features;
+  }
+}
+
+// Finds the pose of the current frame; the state says how that went.
+bool TrackingSession::locate(FrameResult& result, TrackingLock& lock) {
+  if (state_ == TrackingState::kNotInitialized) {
+    if (!initialize(result, lock)) return false;
+    result.inliers = static_cast<int>(shared_.map.point_count());
+    state_ = TrackingState::kTracked;
+    return true;
+  }
+  if (state_ != TrackingState::kLost && follow(lock)) {
+    find_movers(result, lock);
+    result.inliers = tracker_.track_local_map(shared_.map, shared_.log.reference, current_, false);
+    if (result.inliers >= options_.tracking.min_inliers || tracker_.depth_aligned()) {
+      result.depth_aligned = tracker_.depth_aligned();
+      state_ = TrackingState::kTracked;
+      return true;
+    }
+  }
+  if (relocalize()) {
+    find_movers(result, lock);
+    result.inliers = static_cast<int>(std::count_if(current_.points.begin(), current_.points.end(),
+                                                    [](PointId id) { return id != kNoId; }));
+    state_ = TrackingState::kRelocalized;
+    return true;
+  }
+  if (state_ != TrackingState::kLost) lost_since_ = current_.timestamp;
+  state_ = TrackingState::kLost;
+  return false;
+}
+
+void TrackingSession::step(FrameResult& result) {
+  TrackingLock lock(shared_.mutex);
+  follow_corrections();
+  const bool first = state_ == TrackingState::kNotInitialized;
+  const bool located = locate(result, lock);
+  const TrackerTimes times = tracker_.take_times();
+  result.state = state_;
+  if (located && !first) {
+    shared_.log.reference = tracker_.local_map().reference;
+    ++frames_since_keyframe_;
+    update_velocity();
+    if (state_ == TrackingState::kTracked && wants_keyframe(result.inliers)) {
+      make_keyframe(result, lock);
+    }
+  }
+  result.ms.match = times.match;
+  result.ms.optimize = times.optimize;
+  if (located) result.T_world_cam = current_.T_cam_world.inverse();
+  if (located && options_.geometry && !current_.depth.empty()) {
+    if (first) find_movers(result, lock);
+    tracks_.remember(current_);
+    movers_.remember(current_.depth, current_.T_cam_world, current_.timestamp);
+  }
+  shared_.log.add(shared_.map, current_.timestamp,
+                  located ? std::optional(current_.T_cam_world) : std::nullopt);
+  result.loops = backend_.closures().size();
+  if (state_ == TrackingState::kLost) restart_if_hopeless();
+  std::swap(last_, current_);
+}
+
+FrameResult TrackingSession::track(const FrameInput& frame) {
+  FrameResult result;
+  result.timestamp = frame.timestamp;
+  {
+    const ScopedTimer whole(result.ms.total);
+    {
+      const ScopedTimer timer(result.ms.extract);
+      current_.reset(builder_.build(frame), frame.timestamp);
+      builder_.copy_depth(frame, current_.depth);
+      if (options_.geometry) builder_.gray().copyTo(current_.gray);
+      current_.gray_cells = builder_.gray_cells().clone();
+    }
+    result.index = shared_.log.size();
+    result.features = static_cast<int>(current_.features->size());
+    result.masked_share = current_.features->masked_share;
+    step(result);
+  }
+  result.background = backend_.take_times();
+  return result;
+}
+
+}  // namespace dynslam::slam

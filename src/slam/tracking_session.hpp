@@ -1,0 +1,66 @@
+// The life of a frame: prediction, pose, recovery, and whether it becomes a keyframe.
+#pragma once
+
+#include <cstddef>
+#include <optional>
+#include <vector>
+
+#include "dynslam/core/camera.hpp"
+#include "dynslam/slam/options.hpp"
+#include "dynslam/slam/system.hpp"
+
+#include "backend.hpp"
+#include "feature_tracks.hpp"
+#include "frame_builder.hpp"
+#include "mover_detector.hpp"
+#include "shared_map.hpp"
+#include "tracked_frame.hpp"
+#include "tracker.hpp"
+
+namespace dynslam::slam {
+
+/// Takes one frame after the other, on the caller's thread. Holds the map while it matches, and
+/// lets go of it while features are extracted, surfaces aligned and movers found.
+class TrackingSession {
+ public:
+  TrackingSession(const DepthCamera& camera, const SystemOptions& options, FrameBuilder& builder,
+                  SharedMap& shared, Backend& backend);
+
+  /// The frame is valid.
+  FrameResult track(const FrameInput& frame);
+
+  MoversView movers() const { return {movers_.mask(), movers_.judged()}; }
+
+ private:
+  void step(FrameResult& result);
+  bool locate(FrameResult& result, TrackingLock& lock);
+  bool initialize(FrameResult& result, TrackingLock& lock);
+  bool follow(TrackingLock& lock);
+  bool relocalize();
+  std::vector<KeyframeId> relocalization_candidates();
+  void restart_if_hopeless();
+  bool wants_keyframe(int inliers) const;
+  void make_keyframe(FrameResult& result, TrackingLock& lock);
+  void find_movers(FrameResult& result, TrackingLock& lock);
+  void update_velocity();
+  void follow_corrections();
+  template <typename Work>
+  void without_map(TrackingLock& lock, const Work& work);
+
+  SystemOptions options_;
+  FrameBuilder& builder_;
+  SharedMap& shared_;
+  Backend& backend_;
+  Tracker tracker_;
+  FeatureTracks tracks_;
+  MoverDetector movers_;
+  TrackedFrame current_, last_;
+  TrackingState state_ = TrackingState::kNotInitialized;
+  std::size_t frames_since_keyframe_ = 0;
+  std::size_t next_candidate_ = 0;  // where the search for a lost frame goes on
+  double lost_since_ = 0.0;
+  std::optional<Vector6d> velocity_;  // twist of T_cam_last a second
+  std::uint64_t corrections_ = 0;     // of the map that the poses kept here know of
+};
+
+}  // namespace dynslam::slam
