@@ -215,6 +215,7 @@ test_preset release
 
 build_preset asan 20 all header_checks
 ASAN_OPTIONS=detect_stack_use_after_return=1:strict_string_checks=1 \
+  LSAN_OPTIONS="suppressions=$source_dir/tests/lsan.supp:print_suppressions=0" \
   UBSAN_OPTIONS=print_stacktrace=1 test_preset asan
 
 must_not_compile g++
