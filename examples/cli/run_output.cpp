@@ -55,6 +55,7 @@ Json to_json(const slam::LoopClosure& loop) {
           {"match_time", loop.match_timestamp},
           {"inliers", loop.inliers},
           {"visible", loop.visible},
+          {"shared", loop.shared},
           {"moved", number(loop.moved)}};
 }
 

@@ -9,15 +9,14 @@
 namespace dynslam::slam {
 namespace {
 
-constexpr int kMatchLevel = 2;       // level of the tree whose nodes hold the candidates of a match
-constexpr std::size_t kRecent = 10;  // last keyframes that close no loop
+constexpr int kMatchLevel = 2;  // level of the tree whose nodes hold the candidates of a match
 constexpr std::size_t kTrainingRows = 100000;  // descriptors that train a vocabulary, at most
 constexpr double kRowsOfAWord = 10.0;          // descriptors that a word is made of
 
 loop::LoopDetectorOptions detector_options(const LoopOptions& options) {
   loop::LoopDetectorOptions result;
   result.grouping = loop::Grouping::kCovisibility;
-  result.exclude_recent = kRecent;
+  result.exclude_recent = 0;  // the closer names what has been in view
   result.consistency = options.consistency;
   return result;
 }

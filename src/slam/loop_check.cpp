@@ -83,12 +83,6 @@ loop::Verification LoopCheck::verify(KeyframeId query, KeyframeId candidate, Loo
   {
     const BackgroundLock lock(shared_.mutex);
     place_.collect(shared_.map, {}, candidate, kPlaceKeyframes);
-    known_.assign(place_.size(), 0);
-    for (std::size_t i = 0; i < place_.size(); ++i) {
-      const auto& seen = shared_.map.point(place_.ids[i]).observations;
-      known_[i] = std::any_of(seen.begin(), seen.end(),
-                              [&](const Observation& o) { return o.keyframe == query; });
-    }
   }
   found.query = query;
   found.match = candidate;
@@ -117,7 +111,7 @@ int LoopCheck::confirm(const RigidTransform& T_query_world, double radius, LoopM
   for (std::size_t i = 0; i < n; ++i) {
     const auto sighting = visible(place_.positions[i], place_.normals[i], place_.min_distances[i],
                                   place_.max_distances[i]);
-    if (!sighting || known_[i] != 0) continue;
+    if (!sighting) continue;
     ++found.visible;
     pixels[i] = {static_cast<float>(sighting->pixel.x()), static_cast<float>(sighting->pixel.y())};
     radii[i] =

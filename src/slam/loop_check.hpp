@@ -55,8 +55,7 @@ class LoopCheck {
   SharedMap& shared_;
   const KeyframeDatabase& database_;
   Side query_, candidate_;
-  LocalMap place_;                   // the old place
-  std::vector<std::uint8_t> known_;  // by point of it: the query sees it already
+  LocalMap place_;  // the old place
   PoseEstimation pose_;
   RigidTransform refined_;
 };

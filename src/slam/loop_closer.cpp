@@ -16,7 +16,7 @@ constexpr int kMinShared = 15;              // points that make two keyframes ne
 constexpr std::size_t kNeighbours = 20;     // of a keyframe, for consistency
 constexpr std::size_t kFuseKeyframes = 10;  // around the query that take the old points over
 constexpr int kPlaceKeyframes = 10;
-constexpr std::size_t kTrainingGrowth = 4;  // a vocabulary serves maps up to so many times larger
+constexpr std::size_t kTrainingGrowth = 2;  // a vocabulary serves maps up to so many times larger
 
 loop::NeighboursOf neighbours_in(SharedMap& shared) {
   return [&shared](std::uint64_t id) {
@@ -56,6 +56,34 @@ KeyframeLook LoopCloser::look_of(const Map& map, KeyframeId id) const {
   return look;
 }
 
+// Keyframes whose place the camera has had in view all the time, the query's own excluded: no loop
+// leads there. A place is left when several keyframes in a row do not see it; whether tracking has
+// found its points again since does not matter.
+std::vector<KeyframeId> LoopCloser::never_left(const Map& map, KeyframeId query) const {
+  const std::vector<KeyframeId> all = map.keyframe_ids();
+  std::vector<KeyframeId> ids;
+  for (std::size_t c = 0; c < all.size() && all[c] != query; ++c) {
+    const auto& covisible = map.keyframe(all[c]).covisible;
+    const auto shared = [&](KeyframeId id) {
+      const auto found = covisible.find(id);
+      return found == covisible.end() ? 0 : found->second;
+    };
+    const auto came_back = [&](KeyframeId id) {
+      return std::any_of(closed_.begin(), closed_.end(), [&](const LoopMatch& loop) {
+        return loop.query == id && (loop.match == all[c] || shared(loop.match) >= kMinShared);
+      });
+    };
+    int missed = 0;
+    bool left = false;
+    for (std::size_t k = c + 1; k < all.size() && all[k] != query; ++k) {
+      missed = shared(all[k]) >= kMinShared ? 0 : missed + 1;
+      left = (left || missed >= options_.consistency) && !came_back(all[k]);
+    }
+    if (!left) ids.push_back(all[c]);
+  }
+  return ids;
+}
+
 void LoopCloser::forget_erased() {
   std::vector<KeyframeId> erased;
   {
@@ -90,7 +118,7 @@ void LoopCloser::process(KeyframeId id, const std::atomic<bool>& stop) {
     const BackgroundLock lock(shared_.mutex);
     if (shared_.map.find_keyframe(id) == nullptr) return;
     look = look_of(shared_.map, id);
-    covisible = shared_.map.covisible_keyframes(id, shared_.map.keyframe_count(), kMinShared);
+    covisible = never_left(shared_.map, id);
   }
   stored_.push_back(id);
   if (train_if_due() || !database_.ready() || stop) return;
@@ -103,13 +131,23 @@ void LoopCloser::process(KeyframeId id, const std::atomic<bool>& stop) {
 }
 
 void LoopCloser::close(const LoopMatch& match, const std::atomic<bool>& stop) {
+  const auto centre = [&] {
+    const BackgroundLock lock(shared_.mutex);
+    const Keyframe* query = shared_.map.find_keyframe(match.query);
+    return query == nullptr ? Eigen::Vector3d::Zero().eval() : query->T_cam_world.inverse().t;
+  };
+  const Eigen::Vector3d before = centre();
   if (!correct(match)) return;
   database_.forget_queries();
   fuse(match, stop);
   if (bundle_adjustment_ && !stop) adjust_all(stop);
+  const double moved = (centre() - before).norm();
+  const BackgroundLock lock(shared_.mutex);
+  closures_.back().moved = moved;
 }
 
-// Spreads the loop's error over the essential graph.
+// Spreads the loop's error over the essential graph. Where tracking has found the old points by
+// itself there is none left that the bundle adjustment would not see.
 bool LoopCloser::correct(const LoopMatch& match) {
   EssentialGraph graph;
   {
@@ -130,10 +168,12 @@ bool LoopCloser::correct(const LoopMatch& match) {
   closure.T_query_match = match.T_query_match;
   closure.inliers = match.inliers;
   closure.visible = match.visible;
-  const Eigen::Vector3d before = query->T_cam_world.inverse().t;
-  correction.apply(shared_.map);
-  ++shared_.corrections;
-  closure.moved = (query->T_cam_world.inverse().t - before).norm();
+  const auto shared = query->covisible.find(match.match);
+  closure.shared = shared == query->covisible.end() ? 0 : shared->second;
+  if (closure.shared < kMinShared) {
+    correction.apply(shared_.map);
+    ++shared_.corrections;
+  }
   closures_.push_back(closure);
   closed_.push_back(match);
   return true;

@@ -37,6 +37,7 @@ class LoopCloser {
 
  private:
   KeyframeLook look_of(const Map& map, KeyframeId id) const;
+  std::vector<KeyframeId> never_left(const Map& map, KeyframeId query) const;
   void forget_erased();
   bool train_if_due();
   void close(const LoopMatch& match, const std::atomic<bool>& stop);

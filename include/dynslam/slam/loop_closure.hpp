@@ -16,6 +16,7 @@ struct LoopClosure {
   RigidTransform T_query_match;  ///< motion between the two, as verified
   int inliers = 0;               ///< map points of the old place that the query confirms
   int visible = 0;               ///< of those that it should see
+  int shared = 0;                ///< map points that tracking had joined both by already
   double moved = 0.0;            ///< metres by which closing it moved the query
 };
 

@@ -10,9 +10,10 @@ struct LoopOptions {
   /// Off: no loops; a lost camera is looked for in all keyframes in turn.
   bool enabled = true;
   /// Keyframes from which a vocabulary is trained where none is given, >= 2; trained again whenever
-  /// the map has four times as many. Engineering: a look-alike needs a few places to differ from.
-  int first_vocabulary = 20;
-  /// Keyframes in a row that must point to the same place, >= 1. Source: 3 (theory.md section 6).
+  /// the map has twice as many. Engineering: a look-alike needs a few places to differ from.
+  int first_vocabulary = 10;
+  /// Keyframes in a row that must point to the same place, and that must have missed it before, >=
+  /// 1. Source: 3, Mur-Artal et al. 2015.
   int consistency = 3;
   /// Map points of the old place that a keyframe must confirm in pixels and depth, >= 6. Source:
   /// the field's habit of 40.
