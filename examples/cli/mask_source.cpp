@@ -7,8 +7,10 @@
 #include <utility>
 #include <vector>
 
-#include "dynslam/core/opencv.hpp"
 #include "dynslam/segmentation/segmenter_factory.hpp"
+
+#include "support/demo.hpp"
+#include "support/truth_segmenter.hpp"
 
 namespace dynslam::cli {
 namespace {
@@ -25,20 +27,22 @@ segmentation::MaskPolicyOptions policy_options(const RunFlags& flags) {
   return options;
 }
 
-segmentation::FrameInfo info_of(const dataset::Frame& frame) {
-  segmentation::FrameInfo info;
-  info.index = frame.index;
-  info.timestamp = frame.timestamp;
-  info.name = frame.name;
-  info.depth = as_view<const float>(frame.depth);
-  return info;
+std::unique_ptr<segmentation::Segmenter> open_segmenter(const RunFlags& flags,
+                                                        const dataset::Sequence& sequence) {
+  if (flags.segmenter == "truth") return std::make_unique<examples::TruthSegmenter>(sequence);
+  segmentation::SegmenterFactoryOptions options;
+  options.network.backend = segmentation::backend_from_name(flags.backend);
+  if (flags.asynchronous()) options.network.threads = threads_beside_tracking();
+  return segmentation::make_segmenter(flags.segmenter, options);
 }
 
 }  // namespace
 
 void add_segmenter_flags(CLI::App& command, RunFlags& flags) {
   command
-      .add_option("--segmenter", flags.segmenter, "none, yolo-seg:MODEL.onnx or recorded:FOLDER")
+      .add_option(
+          "--segmenter", flags.segmenter,
+          "none, truth (the sequence's own masks), yolo-seg:MODEL.onnx, recorded:FOLDER ...")
       ->capture_default_str();
   command.add_option("--backend", flags.backend, "what runs the network")
       ->check(CLI::IsMember({"opencv", "onnxruntime"}))
@@ -59,13 +63,10 @@ int threads_beside_tracking() {
   return std::max(1, static_cast<int>(std::thread::hardware_concurrency()) / 2);
 }
 
-MaskSource::MaskSource(const RunFlags& flags)
+MaskSource::MaskSource(const RunFlags& flags, const dataset::Sequence& sequence)
     : every_(flags.segment_every), policy_(policy_options(flags)) {
-  if (flags.segmenter == "none" || flags.system == "baseline") return;
-  segmentation::SegmenterFactoryOptions options;
-  options.network.backend = segmentation::backend_from_name(flags.backend);
-  if (flags.asynchronous()) options.network.threads = threads_beside_tracking();
-  segmenter_ = segmentation::make_segmenter(flags.segmenter, options);
+  if (flags.segmenter == "none" || !composition_of(flags).masks) return;
+  segmenter_ = open_segmenter(flags, sequence);
   if (!flags.asynchronous()) return;
   worker_ = std::make_unique<segmentation::AsyncSegmenter>(std::move(segmenter_));
   propagator_ = std::make_unique<segmentation::MaskPropagator>();
@@ -73,7 +74,7 @@ MaskSource::MaskSource(const RunFlags& flags)
 
 void MaskSource::prepare(const dataset::Frame& first) {
   if (!worker_) return;
-  worker_->submit(first.color, info_of(first));
+  worker_->submit(first.color, examples::info_of(first));
   worker_->wait_idle(kFirstMask);
 }
 
@@ -88,7 +89,8 @@ const cv::Mat& MaskSource::update(const dataset::Frame& frame, FrameRow& row) {
 
 void MaskSource::update_now(const dataset::Frame& frame, FrameRow& row) {
   if (mask_.empty() || ++age_ >= every_) {
-    const segmentation::Segmentation found = segmenter_->segment(frame.color, info_of(frame));
+    const segmentation::Segmentation found =
+        segmenter_->segment(frame.color, examples::info_of(frame));
     policy_.mask(found, segmenter_->class_names(), mask_);
     age_ = 0;
   }
@@ -96,7 +98,7 @@ void MaskSource::update_now(const dataset::Frame& frame, FrameRow& row) {
 }
 
 void MaskSource::update_beside(const dataset::Frame& frame, FrameRow& row) {
-  propagator_->add_frame(frame.color, info_of(frame));
+  propagator_->add_frame(frame.color, examples::info_of(frame));
   while (std::optional<segmentation::AsyncResult> result = worker_->take()) {
     // Only what the mask will be made of is worth carrying.
     segmentation::Segmentation& found = result->segmentation;
@@ -107,7 +109,7 @@ void MaskSource::update_beside(const dataset::Frame& frame, FrameRow& row) {
     found.instances = std::move(movers);
     propagator_->set_segmentation(result->index, std::move(found));
   }
-  worker_->submit(frame.color, info_of(frame));
+  worker_->submit(frame.color, examples::info_of(frame));
   const std::optional<segmentation::PropagatedSegmentation> carried = propagator_->current();
   if (!carried) {
     mask_.release();

@@ -23,9 +23,9 @@ int threads_beside_tracking();
 
 class MaskSource {
  public:
-  /// Loads the segmenter that the flags name; baseline has none. With `flags.asynchronous()` it
-  /// gets a thread.
-  explicit MaskSource(const RunFlags& flags);
+  /// Loads the segmenter that the flags name, if their system uses masks. With
+  /// `flags.asynchronous()` it gets a thread. `sequence` has to outlive the source.
+  MaskSource(const RunFlags& flags, const dataset::Sequence& sequence);
 
   /// Segments the first frame, so that the network is warm and the first mask there when the clock
   /// starts. Only the asynchronous source needs it.

@@ -142,8 +142,8 @@ void print_report(const Json& report) {
 int run(const Flags& flags) {
   const std::unique_ptr<dataset::Sequence> sequence = open_sequence(flags.input);
   require_depth("dynslam movers", *sequence);
-  slam::System system(sequence->camera(), system_options(flags.run));
-  MaskSource masks(flags.run);
+  slam::System system(sequence->camera(), composition_of(flags.run).options);
+  MaskSource masks(flags.run, *sequence);
   features::OrbOptions orb;
   orb.max_features = flags.run.features;
   features::OrbExtractor extractor(orb);

@@ -76,9 +76,19 @@ void add_runs(Json& summary, const std::vector<Json>& runs) {
   summary["ate_iqr"] = evaluation::quantile(ates, 0.75) - evaluation::quantile(ates, 0.25);
 }
 
+// A part that a system does not have cannot be missed: said, not refused.
+void note_absent_parts(const RunFlags& flags) {
+  const slam::Composition system = slam::composition(flags.system);
+  for (const std::string& part : flags.without) {
+    if (system.has(slam::part_from_name(part))) continue;
+    std::cerr << "dynslam: " << flags.system << " has no " << part << " to switch off\n";
+  }
+}
+
 int run(Flags flags) {
   std::unique_ptr<dataset::Sequence> sequence = open_sequence(flags.input);
   prepare_output(flags.out);
+  note_absent_parts(flags.run);
   const dataset::OpenReport report = sequence->report();
   if (report.disordered_frames > 0) {
     std::cerr << "dynslam: " << report.disordered_frames
@@ -134,7 +144,7 @@ CLI::App* add_run_command(CLI::App& app, std::function<int()>& work) {
   flags->input.add_to(*command);
   RunFlags& run_flags = flags->run;
   command->add_option("--system", run_flags.system, "what handles movers")
-      ->check(CLI::IsMember({"baseline", "p-yolo", "p-static", "p-mixed"}))
+      ->check(CLI::IsMember(slam::composition_names()))
       ->capture_default_str();
   add_segmenter_flags(*command, run_flags);
   command->add_option("--solver", run_flags.solver, "what becomes of static weights in the pose")
@@ -142,7 +152,7 @@ CLI::App* add_run_command(CLI::App& app, std::function<int()>& work) {
       ->capture_default_str();
   command->add_option("--without", run_flags.without, "parts of the system to switch off")
       ->delimiter(',')
-      ->check(CLI::IsMember({"geometry", "rejection", "weights", "loops"}));
+      ->check(CLI::IsMember(slam::part_names()));
   command
       ->add_option("--vocabulary", run_flags.vocabulary,
                    "words for loops and recognition; without, learnt on the way")
@@ -160,7 +170,7 @@ CLI::App* add_run_command(CLI::App& app, std::function<int()>& work) {
   command->add_flag("--sequential", run_flags.sequential, "one thread, repeatable bit for bit");
   command->add_option("--compare", flags->compare, "further systems on the same frames, as a table")
       ->delimiter(',')
-      ->check(CLI::IsMember({"baseline", "p-yolo", "p-static", "p-mixed"}));
+      ->check(CLI::IsMember(slam::composition_names()));
   command->add_option("--runs", flags->runs, "repeat; scenes get the next seed each time")
       ->check(CLI::Range(1, 1000))
       ->capture_default_str();

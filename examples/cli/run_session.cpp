@@ -15,6 +15,7 @@
 
 #include "mask_source.hpp"
 #include "progress.hpp"
+#include "support/demo.hpp"
 
 namespace dynslam::cli {
 namespace {
@@ -37,12 +38,7 @@ FrameRow process(const dataset::Frame& frame, MaskSource& masks, slam::System& s
   row.index = frame.index;
   row.timestamp = frame.timestamp;
   const cv::Mat& mask = masks.update(frame, row);
-  slam::FrameInput input;
-  input.timestamp = frame.timestamp;
-  input.image = frame.color;
-  input.depth = frame.depth;
-  input.mask = mask;
-  const slam::FrameResult result = system.track(input);
+  const slam::FrameResult result = system.track(examples::input_of(frame, mask));
   row.state = slam::to_string(result.state);
   row.features = result.features;
   row.inliers = result.inliers;
@@ -95,18 +91,14 @@ void require_depth(const char* command, const dataset::Sequence& sequence) {
                          "a sequence with depth images");
 }
 
-slam::SystemOptions system_options(const RunFlags& flags) {
-  slam::SystemOptions options;
-  options.tracking.orb.max_features = flags.features;
-  options.loops.enabled = !flags.lacks("loops");
-  options.threading =
+slam::Composition composition_of(const RunFlags& flags) {
+  slam::Composition system = slam::composition(flags.system);
+  system.options.tracking.orb.max_features = flags.features;
+  system.options.threading =
       flags.sequential ? slam::Threading::kSequential : slam::Threading::kBackground;
-  if (flags.system == "p-mixed") options.reject_matches = !flags.lacks("rejection");
-  if (flags.system == "p-static") {
-    options.geometry = !flags.lacks("geometry");
-    if (!flags.lacks("weights")) options.weights = weight_mode(flags.solver);
-  }
-  return options;
+  if (system.has(slam::Part::kWeights)) system.options.weights = weight_mode(flags.solver);
+  for (const std::string& part : flags.without) system = system.without(slam::part_from_name(part));
+  return system;
 }
 
 std::size_t RunOutcome::count(const std::string& state) const {
@@ -124,9 +116,9 @@ RunOutcome run_system(const dataset::Sequence& sequence, const RunFlags& flags) 
   RunOutcome outcome;
   loop::Vocabulary vocabulary;
   if (!flags.vocabulary.empty()) vocabulary = loop::load_vocabulary(flags.vocabulary);
-  outcome.system = std::make_unique<slam::System>(sequence.camera(), system_options(flags),
+  outcome.system = std::make_unique<slam::System>(sequence.camera(), composition_of(flags).options,
                                                   std::move(vocabulary));
-  MaskSource masks(flags);
+  MaskSource masks(flags, sequence);
   if (flags.asynchronous()) prepare(sequence, masks);
   dataset::ReadAhead frames(sequence);
   Progress progress(flags.system, sequence.size());

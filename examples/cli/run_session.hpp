@@ -1,7 +1,6 @@
 // One run of a system over a sequence.
 #pragma once
 
-#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
@@ -11,6 +10,7 @@
 #include "dynslam/core/trajectory.hpp"
 #include "dynslam/dataset/sequence.hpp"
 #include "dynslam/evaluation/report.hpp"
+#include "dynslam/slam/compositions.hpp"
 #include "dynslam/slam/system.hpp"
 
 namespace dynslam::cli {
@@ -28,7 +28,7 @@ struct RunFlags {
   int threads = 0;                    ///< of OpenCV; 0: its own choice
   std::string vocabulary;             ///< file of words for loops; empty: learnt on the way
   std::string solver = "eliminated";  ///< of the weights: fixed, joint or eliminated
-  std::vector<std::string> without;   ///< parts switched off, see --without
+  std::vector<std::string> without;   ///< names of the slam::Parts that are left out
   bool realtime = false;
   bool beside = false;  ///< segment on a thread of its own although frames wait
   bool sequential = false;
@@ -36,9 +36,6 @@ struct RunFlags {
   /// Whether segmentation runs beside tracking: always in real time, unless one thread is asked
   /// for.
   bool asynchronous() const { return (realtime || beside) && !sequential; }
-  bool lacks(const std::string& part) const {
-    return std::find(without.begin(), without.end(), part) != without.end();
-  }
 };
 
 /// One frame of a run, a row of frames.csv.
@@ -75,8 +72,8 @@ struct RunOutcome {
 /// Throws InvalidArgument in the name of `command` for a sequence without depth images.
 void require_depth(const char* command, const dataset::Sequence& sequence);
 
-/// Settings of the system that the flags name.
-slam::SystemOptions system_options(const RunFlags& flags);
+/// The system that the flags name, with their settings and without what they leave out.
+slam::Composition composition_of(const RunFlags& flags);
 
 /// Runs the system that the flags name. Throws InvalidArgument for a sequence without depth and for
 /// unknown names; IoError if not a single frame could be read.
