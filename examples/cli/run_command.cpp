@@ -30,15 +30,10 @@ struct Flags {
   bool json = false;
 };
 
-double rmse(const Json& summary) {
-  const bool known = summary.contains("ate") && !summary["ate"]["rmse"].is_null();
-  return known ? summary["ate"]["rmse"].get<double>() : std::nan("");
-}
-
 void print_row(const Json& summary) {
   const std::size_t frames = summary["frames"];
   std::printf("%-10s  %5zu / %-5zu  %12.4f  %14.1f\n", summary["system"].get<std::string>().c_str(),
-              summary["tracked"].get<std::size_t>(), frames, rmse(summary),
+              summary["tracked"].get<std::size_t>(), frames, ate_rmse(summary),
               summary["time_ms"]["frame"]["median"].get<double>());
 }
 
@@ -52,7 +47,7 @@ void print_summary(const Json& summary) {
   std::printf("%s on %s: %zu of %zu frames tracked", summary["system"].get<std::string>().c_str(),
               summary["sequence"].get<std::string>().c_str(), summary["tracked"].get<std::size_t>(),
               summary["frames"].get<std::size_t>());
-  if (!std::isnan(rmse(summary))) std::printf(", ATE RMSE %.4f m", rmse(summary));
+  if (!std::isnan(ate_rmse(summary))) std::printf(", ATE RMSE %.4f m", ate_rmse(summary));
   std::printf(", %.1f ms a frame (median)\n", summary["time_ms"]["frame"]["median"].get<double>());
   if (summary.contains("ate_median")) {
     std::printf("median of %zu runs: %.4f m, interquartile range %.4f m\n", summary["runs"].size(),
@@ -69,11 +64,11 @@ void add_runs(Json& summary, const std::vector<Json>& runs) {
                                {"frames", run["frames"]},
                                {"ate", run.value("ate", Json(nullptr))},
                                {"time_ms", run["time_ms"]["frame"]}});
-    if (!std::isnan(rmse(run))) ates.push_back(rmse(run));
+    if (!std::isnan(ate_rmse(run))) ates.push_back(ate_rmse(run));
   }
   if (ates.empty()) return;
   summary["ate_median"] = evaluation::quantile(ates, 0.5);
-  summary["ate_iqr"] = evaluation::quantile(ates, 0.75) - evaluation::quantile(ates, 0.25);
+  summary["ate_iqr"] = interquartile_range(ates);
 }
 
 // A part that a system does not have cannot be missed: said, not refused.
@@ -147,27 +142,10 @@ CLI::App* add_run_command(CLI::App& app, std::function<int()>& work) {
       ->check(CLI::IsMember(slam::composition_names()))
       ->capture_default_str();
   add_segmenter_flags(*command, run_flags);
-  command->add_option("--solver", run_flags.solver, "what becomes of static weights in the pose")
-      ->check(CLI::IsMember({"fixed", "joint", "eliminated"}))
-      ->capture_default_str();
   command->add_option("--without", run_flags.without, "parts of the system to switch off")
       ->delimiter(',')
       ->check(CLI::IsMember(slam::part_names()));
-  command
-      ->add_option("--vocabulary", run_flags.vocabulary,
-                   "words for loops and recognition; without, learnt on the way")
-      ->check(CLI::ExistingFile);
-  command->add_option("--features", run_flags.features, "ORB features a frame")
-      ->check(CLI::Range(100, 20000))
-      ->capture_default_str();
-  command->add_option("--threads", run_flags.threads, "threads of OpenCV; 0: its own choice")
-      ->check(CLI::NonNegativeNumber)
-      ->capture_default_str();
-  command->add_flag("--realtime", run_flags.realtime,
-                    "feed frames at their own times and drop what comes while busy");
-  command->add_flag("--async", run_flags.beside,
-                    "segment beside tracking, as --realtime does, and carry masks forward");
-  command->add_flag("--sequential", run_flags.sequential, "one thread, repeatable bit for bit");
+  add_tracking_flags(*command, run_flags);
   command->add_option("--compare", flags->compare, "further systems on the same frames, as a table")
       ->delimiter(',')
       ->check(CLI::IsMember(slam::composition_names()));

@@ -26,8 +26,6 @@ std::string format(const char* pattern, double value) {
   return text;
 }
 
-Json number(double value) { return std::isfinite(value) ? Json(value) : Json(nullptr); }
-
 Json to_json(const evaluation::Statistics& s) {
   return {{"rmse", number(s.rmse)}, {"mean", number(s.mean)}, {"median", number(s.median)},
           {"std", number(s.std)},   {"min", number(s.min)},   {"max", number(s.max)}};
@@ -133,6 +131,17 @@ evaluation::FrameState to_state(const std::string& name) {
 }
 
 }  // namespace
+
+Json number(double value) { return std::isfinite(value) ? Json(value) : Json(nullptr); }
+
+double ate_rmse(const Json& summary) {
+  const bool known = summary.contains("ate") && !summary["ate"]["rmse"].is_null();
+  return known ? summary["ate"]["rmse"].get<double>() : std::nan("");
+}
+
+double interquartile_range(const std::vector<double>& values) {
+  return evaluation::quantile(values, 0.75) - evaluation::quantile(values, 0.25);
+}
 
 void write_text(const fs::path& path, const std::string& text) {
   const fs::path temporary = path.string() + ".tmp";

@@ -21,6 +21,15 @@ void prepare_output(const std::filesystem::path& folder);
 nlohmann::ordered_json summarize(const dataset::Sequence& sequence, const RunFlags& flags,
                                  const RunOutcome& outcome);
 
+/// A number of a JSON file; what is not finite becomes null.
+nlohmann::ordered_json number(double value);
+
+/// ATE RMSE of a summary, metres; NaN where there is none.
+double ate_rmse(const nlohmann::ordered_json& summary);
+
+/// Third quartile minus first; NaN of nothing.
+double interquartile_range(const std::vector<double>& values);
+
 /// What the report shows of a run.
 evaluation::RunRecord to_record(const std::string& name, const RunOutcome& outcome);
 

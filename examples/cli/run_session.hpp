@@ -7,6 +7,8 @@
 #include <string>
 #include <vector>
 
+#include <CLI/CLI.hpp>
+
 #include "dynslam/core/trajectory.hpp"
 #include "dynslam/dataset/sequence.hpp"
 #include "dynslam/evaluation/report.hpp"
@@ -37,6 +39,9 @@ struct RunFlags {
   /// for.
   bool asynchronous() const { return (realtime || beside) && !sequential; }
 };
+
+/// --solver, --vocabulary, --features, --threads, --realtime, --async, --sequential.
+void add_tracking_flags(CLI::App& command, RunFlags& flags);
 
 /// One frame of a run, a row of frames.csv.
 struct FrameRow {

@@ -102,6 +102,10 @@ void SequenceFlags::add_to(CLI::App& command) {
   source->add_option("--scene", scene, "rendered scene: room_walking, room_still")
       ->type_name("NAME");
   source->require_option(1);
+  add_companions_to(command);
+}
+
+void SequenceFlags::add_companions_to(CLI::App& command) {
   command.add_option("--camera", camera, "FX,FY,CX,CY in pixels; default: the folder's own");
   command.add_option("--depth-scale", depth_scale, "units of the depth image a metre (TUM: 5000)")
       ->check(CLI::PositiveNumber);

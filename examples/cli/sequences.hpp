@@ -20,6 +20,8 @@ struct SequenceFlags {
   std::uint64_t seed = 1;    ///< of a rendered scene
 
   void add_to(CLI::App& command);
+  /// Only those that say how to read: --camera, --depth-scale, --frames, --seed.
+  void add_companions_to(CLI::App& command);
 };
 
 /// Opens what the flags name. Throws InvalidArgument or IoError with one clear sentence.

@@ -91,7 +91,37 @@ expect_file out-untold/report.html
 "$dynslam" movers --scene room_walking --frames 0:20 --json >movers.json || complain "movers"
 grep -q '"false_positive_rate"' movers.json || complain "movers reports no rates"
 "$dynslam" run --tum scene --system p-static --without geometry,weights --out out-without --json \
-  >summary.json || complain "run without geometry"
+  >summary.json 2>stderr || complain "run without geometry"
+[[ ! -s stderr ]] || complain "run without geometry printed: $(cat stderr)"
+"$dynslam" run --tum scene --system baseline --without geometry --out out-without --json \
+  >summary.json 2>stderr || complain "run without what is not there"
+grep -q 'baseline has no geometry' stderr || complain "nothing said of a part that is not there"
+
+# --- ablate ------------------------------------------------------------------------------------
+ablate=(ablate --tum scene --frames 0:6 --segmenter truth --systems p-yolo,p-mixed --runs 1
+  --sequential --out ablation)
+"$dynslam" "${ablate[@]}" >table 2>stderr || complain "ablate: $(cat stderr)"
+for row in 'p-yolo  *100' 'p-mixed  *100' 'without mask' 'without rejection'; do
+  grep -q "$row" table || complain "no '$row' in the ablation: $(cat table)"
+done
+for file in ablation.json ablation.csv ablation.html; do expect_file "ablation/$file"; done
+[[ $(wc -l <ablation/ablation.csv) -ge 6 ]] || complain "a row for each cell"
+# Going on after a stop: what is kept is not run again, what is missing is.
+cells=$(find ablation/cells -name '*.json' | wc -l)
+touch -d '2000-01-01' ablation/cells/*
+rm ablation/cells/0-scene-p-mixed.json
+"$dynslam" "${ablate[@]}" --json >ablation.json 2>stderr || complain "ablate again: $(cat stderr)"
+cmp -s ablation.json ablation/ablation.json || complain "ablate --json prints something else"
+[[ $(find ablation/cells -newermt '2001-01-01' | grep -c json) == 1 ]] || complain "kept runs ran again"
+[[ $(find ablation/cells -name '*.json' | wc -l) == "$cells" ]] || complain "a cell is missing"
+# Other settings are another experiment.
+"$dynslam" "${ablate[@]}" --features 300 >table || complain "ablate with other features"
+[[ $(find ablation/cells -newermt '2001-01-01' | grep -c json) == "$cells" ]] ||
+  complain "runs of other settings were taken for these"
+expect_failure 2 'tum' ablate --out x
+expect_failure 1 'nowhere' ablate --tum nowhere --out x
+expect_failure 1 'nomasks' ablate --tum scene --segmenter recorded:nomasks --out x
+
 # --- loops -------------------------------------------------------------------------------------
 "$dynslam" loops --tum scene --detections loops.txt --json >loops.json 2>stderr ||
   complain "loops: $(cat stderr)"
@@ -185,7 +215,7 @@ head -c 500 small.dynvoc >cut.dynvoc
 expect_failure 1 'cut.dynvoc' vocab info cut.dynvoc
 expect_failure 1 'compress' vocab convert small.dynvoc x.txt --compress
 
-for subcommand in run eval segment match movers loops scene "vocab train" "vocab convert" "vocab info"; do
+for subcommand in run ablate eval segment match movers loops scene "vocab train" "vocab convert" "vocab info"; do
   # shellcheck disable=SC2086
   "$dynslam" $subcommand --help >stdout || complain "$subcommand --help"
   grep -q 'Example' stdout || complain "$subcommand --help shows no example"
