@@ -59,6 +59,7 @@ System::System(System&&) noexcept = default;
 System& System::operator=(System&&) noexcept = default;
 
 const Map& System::map() const { return impl_->shared.map; }
+FeaturesView System::features() const { return impl_->session.features(); }
 MoversView System::movers() const { return impl_->session.movers(); }
 const SystemOptions& System::options() const { return impl_->options; }
 

@@ -11,6 +11,7 @@
 #include "dynslam/core/rigid_transform.hpp"
 #include "dynslam/slam/frame.hpp"
 #include "dynslam/slam/map.hpp"
+#include "dynslam/slam/system.hpp"
 
 namespace dynslam::slam {
 
@@ -40,5 +41,8 @@ struct TrackedFrame {
     staticness.assign(features->size(), std::numeric_limits<float>::quiet_NaN());
   }
 };
+
+/// What became of the features of a frame that was tracked.
+FeaturesView view_of(const TrackedFrame& frame);
 
 }  // namespace dynslam::slam

@@ -29,6 +29,7 @@ class TrackingSession {
   /// The frame is valid.
   FrameResult track(const FrameInput& frame);
 
+  FeaturesView features() const { return view_of(last_); }
   MoversView movers() const { return {movers_.mask(), movers_.judged()}; }
 
  private:

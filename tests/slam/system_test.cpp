@@ -144,6 +144,29 @@ TEST(System, NoFeatureAndNoMapPointLiesUnderTheMask) {
   }
 }
 
+TEST(System, TellsWhatBecameOfEveryFeature) {
+  SystemOptions options = make_system().options();
+  options.geometry = true;
+  System system(dataset::scene_camera(320, 240), options);
+  EXPECT_EQ(system.features().features, nullptr);
+  std::map<FeatureVerdict, int> moving, still;  // by what the truth says
+  for (const dataset::Frame& frame : frames_of("room_walking")) {
+    const FrameResult result = system.track(input_of(frame));
+    const FeaturesView view = system.features();
+    ASSERT_NE(view.features, nullptr);
+    ASSERT_EQ(view.verdicts.size(), static_cast<std::size_t>(result.features));
+    int told = 0;
+    for (std::size_t i = 0; i < view.verdicts.size(); ++i) {
+      const cv::Point at(view.features->keypoints[i].pt);
+      ++(frame.mask.at<std::uint8_t>(at) != 0 ? moving : still)[view.verdicts[i]];
+      told += view.verdicts[i] == FeatureVerdict::kMoving;
+    }
+    EXPECT_EQ(told, result.moving_features);
+  }
+  EXPECT_GT(moving[FeatureVerdict::kMoving], moving[FeatureVerdict::kStatic]);
+  EXPECT_GT(still[FeatureVerdict::kStatic], 10 * still[FeatureVerdict::kMoving]);
+}
+
 TEST(System, GivesTheSameBitsTwice) {
   System a = make_system(), b = make_system();
   for (const dataset::Frame& frame : frames_of("room_walking")) {

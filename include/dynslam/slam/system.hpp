@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 #include <memory>
 #include <optional>
 #include <vector>
@@ -69,6 +70,20 @@ struct MoversView {
   cv::Mat judged;  ///< CV_8UC1, 255 where there is a verdict, 0 where nothing is known; likewise
 };
 
+/// What became of a feature of a frame.
+enum class FeatureVerdict : std::uint8_t {
+  kUnmatched,  ///< shows no point of the map
+  kStatic,     ///< shows a point of the map that stands still
+  kRejected,   ///< its match disagrees with the pose
+  kMoving,     ///< geometry says that it moves
+};
+
+/// The features of a frame, for drawing. None of them lies on the mask: nothing is extracted there.
+struct FeaturesView {
+  FrameFeaturesPtr features;             ///< null before the first frame
+  std::vector<FeatureVerdict> verdicts;  ///< one a feature
+};
+
 /// Tracks an RGB-D camera in the map that it builds on the way.
 ///
 /// Poses are camera to world; the world is the camera frame of the first frame that had a map.
@@ -105,6 +120,9 @@ class System {
 
   /// Loops closed so far, with background workers those of this moment.
   std::vector<LoopClosure> loops() const;
+
+  /// What became of the features of the last frame. O(features), allocates.
+  FeaturesView features() const;
 
   /// What moved in the last frame; shares memory with the system until the next `track`.
   MoversView movers() const;
