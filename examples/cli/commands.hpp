@@ -10,6 +10,7 @@ namespace dynslam::cli {
 
 CLI::App* add_run_command(CLI::App& app, std::function<int()>& run);
 CLI::App* add_ablate_command(CLI::App& app, std::function<int()>& run);
+CLI::App* add_bench_command(CLI::App& app, std::function<int()>& run);
 CLI::App* add_eval_command(CLI::App& app, std::function<int()>& run);
 CLI::App* add_segment_command(CLI::App& app, std::function<int()>& run);
 CLI::App* add_match_command(CLI::App& app, std::function<int()>& run);

@@ -16,6 +16,7 @@ int main(int argc, char** argv) {
   std::function<int()> run;
   dynslam::cli::add_run_command(app, run);
   dynslam::cli::add_ablate_command(app, run);
+  dynslam::cli::add_bench_command(app, run);
   dynslam::cli::add_eval_command(app, run);
   dynslam::cli::add_segment_command(app, run);
   dynslam::cli::add_match_command(app, run);

@@ -108,6 +108,8 @@ int run(Flags flags) {
   for (const std::string& system : flags.compare) {
     RunFlags other = flags.run;
     other.system = system;
+    other.video.clear();
+    other.show = false;
     const RunOutcome compared = run_system(*sequence, other);
     others.push_back(to_record(system, compared));
     summary["compare"].push_back(summarize(*sequence, other, compared));
@@ -146,6 +148,9 @@ CLI::App* add_run_command(CLI::App& app, std::function<int()>& work) {
       ->delimiter(',')
       ->check(CLI::IsMember(slam::part_names()));
   add_tracking_flags(*command, run_flags);
+  command->add_option("--video", run_flags.video, "film of what the system sees, .mp4 or .avi")
+      ->type_name("FILE");
+  command->add_flag("--show", run_flags.show, "the same in a window");
   command->add_option("--compare", flags->compare, "further systems on the same frames, as a table")
       ->delimiter(',')
       ->check(CLI::IsMember(slam::composition_names()));

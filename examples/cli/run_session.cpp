@@ -13,6 +13,7 @@
 #include "dynslam/dataset/read_ahead.hpp"
 #include "dynslam/loop/vocabulary_io.hpp"
 
+#include "live_view.hpp"
 #include "mask_source.hpp"
 #include "progress.hpp"
 #include "support/demo.hpp"
@@ -32,7 +33,8 @@ factors::WeightMode weight_mode(const std::string& solver) {
   return factors::WeightMode::kEliminated;
 }
 
-FrameRow process(const dataset::Frame& frame, MaskSource& masks, slam::System& system) {
+FrameRow process(const dataset::Frame& frame, MaskSource& masks, slam::System& system,
+                 LiveView& view) {
   const Clock::time_point start = Clock::now();
   FrameRow row;
   row.index = frame.index;
@@ -50,6 +52,7 @@ FrameRow process(const dataset::Frame& frame, MaskSource& masks, slam::System& s
   row.ms = result.ms;
   row.background = result.background;
   row.total_ms = milliseconds_since(start);
+  view.add(frame, mask, row, result, system);
   return row;
 }
 
@@ -119,6 +122,7 @@ RunOutcome run_system(const dataset::Sequence& sequence, const RunFlags& flags) 
   outcome.system = std::make_unique<slam::System>(sequence.camera(), composition_of(flags).options,
                                                   std::move(vocabulary));
   MaskSource masks(flags, sequence);
+  LiveView view(flags, sequence);
   if (flags.asynchronous()) prepare(sequence, masks);
   dataset::ReadAhead frames(sequence);
   Progress progress(flags.system, sequence.size());
@@ -136,13 +140,14 @@ RunOutcome run_system(const dataset::Sequence& sequence, const RunFlags& flags) 
       outcome.rows.push_back(missing_row(sequence, read->index, "unreadable"));
       continue;
     }
-    outcome.rows.push_back(process(*read->frame, masks, *outcome.system));
+    outcome.rows.push_back(process(*read->frame, masks, *outcome.system, view));
     const FrameRow& row = outcome.rows.back();
     progress.update(next + 1, row.state + ", " + std::to_string(row.inliers) + " inliers");
   }
   outcome.seconds = std::chrono::duration<double>(Clock::now() - start).count();
   if (outcome.problems.size() == sequence.size()) throw IoError(outcome.problems.front());
   outcome.system->finish();
+  view.finish();
   outcome.trajectory = outcome.system->trajectory();
   return outcome;
 }

@@ -34,6 +34,8 @@ struct RunFlags {
   bool realtime = false;
   bool beside = false;  ///< segment on a thread of its own although frames wait
   bool sequential = false;
+  std::string video;  ///< file for what the system sees; empty: none
+  bool show = false;  ///< the same in a window
 
   /// Whether segmentation runs beside tracking: always in real time, unless one thread is asked
   /// for.

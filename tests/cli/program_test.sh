@@ -63,6 +63,16 @@ rmse() { sed -n 's/.*"rmse": *\([0-9.e-]*\).*/\1/p' "$1" | head -n 1; }
 awk -v a="$(rmse ate.json)" -v b="$(rmse out/summary.json)" \
   'BEGIN { d = a - b; exit !(d < 1e-6 && d > -1e-6) }' || complain "eval and run disagree"
 
+# A film of the run, in both formats; and what is in the way of one.
+for film in film.avi film.mp4; do
+  "$dynslam" run --tum scene --system p-static --segmenter truth --video "$film" --out out-film \
+    >stdout 2>stderr || complain "run --video $film: $(cat stderr)"
+  [[ $(stat -c %s "$film") -gt 10000 ]] || complain "$film is no film"
+done
+expect_failure 1 'film.gif' run --tum scene --video film.gif --out x
+expect_failure 1 'folder' run --tum scene --video nowhere/film.mp4 --out x
+DISPLAY='' WAYLAND_DISPLAY='' expect_failure 1 'display|window' run --tum scene --show --out x
+
 # A truncated image is counted and skipped.
 cp -r scene broken
 victim=$(find broken/rgb -name '*.png' | sort | sed -n 6p)
@@ -155,6 +165,37 @@ grep -q '"mean_iou_fresh":1.0' segment.json || complain "no score of the frames'
 awk -v iou="$(sed -n 's/.*"mean_iou":\([0-9.]*\).*/\1/p' segment.json)" 'BEGIN { exit !(iou > 0.7) }' ||
   complain "carried masks miss: $(sed -n 's/.*\("mean_iou":[^,]*\).*/\1/p' segment.json)"
 
+# --- bench -------------------------------------------------------------------------------------
+# A program that answers as a benchmark does.
+mkdir programs
+cat >programs/features_fake_bench <<'END'
+#!/bin/sh
+case "$*" in
+*list_tests*) printf 'BM_%s\n' BruteForce/500/32 BruteForceOn/AVX2/500/32 OpenCvBFMatcher/500/32; exit 0 ;;
+esac
+cat <<'JSON'
+{"context": {"num_cpus": 2, "mhz_per_cpu": 2600, "load_avg": [0.5]}, "benchmarks": [
+ {"name": "BM_BruteForce/500/32", "run_type": "iteration", "real_time": 9, "cpu_time": 8, "time_unit": "us"},
+ {"name": "BM_BruteForceOn/AVX2/500/32", "run_type": "iteration", "real_time": 9, "cpu_time": 10, "time_unit": "us"},
+ {"name": "BM_OpenCvBFMatcher/500/32", "run_type": "iteration", "real_time": 9, "cpu_time": 0.5, "time_unit": "ms"},
+ {"name": "BM_Data", "run_type": "iteration", "error_occurred": true, "error_message": "no data"}]}
+JSON
+END
+chmod +x programs/features_fake_bench
+"$dynslam" bench --programs programs --json >bench.json 2>stderr || complain "bench: $(cat stderr)"
+tr -d ' \n' <bench.json >flat.json
+grep -qF '"room":"features","name":"BruteForce/500/32","unit":"us","ours":{"best":8.0,"AVX2":10.0},"rivals":{"cv::BFMatcher":500.0},"floor":null' \
+  flat.json || complain "bench pairs wrongly: $(cat bench.json)"
+grep -qF '"problems":["features/BM_Data:nodata"]' flat.json || complain "bench hides a failure"
+"$dynslam" bench features --programs programs >table 2>stderr || complain "bench features"
+grep -q 'cv::BFMatcher 500' table || complain "no rival in the table: $(cat table)"
+"$dynslam" bench features/BruteForce --programs programs >table || complain "bench features/BruteForce"
+grep -q 'cv::BFMatcher 500' table || complain "a filter drops the rivals: $(cat table)"
+expect_failure 1 'FILTER' bench Nothing --programs programs
+expect_failure 1 'cmake --preset bench' bench --programs empty-programs
+printf '#!/bin/sh\nexit 3\n' >programs/features_fake_bench
+expect_failure 1 'ended with code 3' bench --programs programs
+
 # --- bad input ---------------------------------------------------------------------------------
 mkdir empty
 expect_failure 2 'system' run --tum scene --system nonsense --out x
@@ -215,7 +256,7 @@ head -c 500 small.dynvoc >cut.dynvoc
 expect_failure 1 'cut.dynvoc' vocab info cut.dynvoc
 expect_failure 1 'compress' vocab convert small.dynvoc x.txt --compress
 
-for subcommand in run ablate eval segment match movers loops scene "vocab train" "vocab convert" "vocab info"; do
+for subcommand in run ablate bench eval segment match movers loops scene "vocab train" "vocab convert" "vocab info"; do
   # shellcheck disable=SC2086
   "$dynslam" $subcommand --help >stdout || complain "$subcommand --help"
   grep -q 'Example' stdout || complain "$subcommand --help shows no example"
