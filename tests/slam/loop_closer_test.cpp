@@ -1,0 +1,143 @@
+#include "slam/loop_closer.hpp"
+
+#include <gtest/gtest.h>
+
+#include "synthetic_map.hpp"
+
+namespace dynslam::slam {
+namespace {
+
+constexpr double kStep = 20.0;  // degrees between keyframes: 18 make a turn
+constexpr std::size_t kTurn = 18;
+constexpr double kDrift = 0.004;  // radians and half as many metres a keyframe
+
+RigidTransform drifted(std::size_t keyframe) {
+  const double drift = kDrift * static_cast<double>(keyframe);
+  Vector6d xi;
+  xi << 0.5 * drift, 0.0, 0.3 * drift, 0.0, drift, 0.0;
+  return se3_exp(xi) * SyntheticMap::true_pose(kStep * static_cast<double>(keyframe));
+}
+
+class LoopCloserTest : public ::testing::Test {
+ protected:
+  void walk(std::size_t first, std::size_t end) {
+    for (std::size_t k = first; k < end; ++k) {
+      ids.push_back(world.look(kStep * static_cast<double>(k), drifted(k)));
+      closer.process(ids.back(), stop);
+    }
+  }
+  // Distance between the first keyframe and the one that looks the same way a turn later.
+  double gap() const {
+    const Map& map = world.shared.map;
+    const RigidTransform T =
+        map.keyframe(ids[kTurn]).T_cam_world * map.keyframe(ids[0]).T_cam_world.inverse();
+    return se3_log(T).norm();
+  }
+
+  SyntheticMap world;
+  std::atomic<bool> stop{false};
+  LoopCloser closer{world.camera, SystemOptions(), unit_scales(), {}, world.shared};
+  std::vector<KeyframeId> ids;
+};
+
+TEST_F(LoopCloserTest, ClosesATurnOfACameraThatHasDrifted) {
+  walk(0, kTurn);
+  EXPECT_TRUE(closer.closures().empty());
+  world.forget_points();
+  walk(kTurn, kTurn + 1);
+  const double before = gap();
+  const std::size_t points = world.shared.map.point_count();
+  walk(kTurn + 1, kTurn + 4);
+  ASSERT_EQ(closer.closures().size(), 1U);
+  const LoopClosure& loop = closer.closures().front();
+  EXPECT_EQ(loop.query_frame, loop.match_frame + 10 * kTurn);
+  EXPECT_GE(loop.inliers, LoopOptions().min_inliers);
+  EXPECT_EQ(loop.shared, 0);
+  EXPECT_GT(loop.moved, 0.02);
+  // The motion that was verified is the true one, not the one that drift has led to.
+  EXPECT_LT(se3_log(loop.T_query_match).norm(), 0.01);
+  EXPECT_GT(before, 0.06);
+  EXPECT_LT(gap(), 0.02);
+  EXPECT_EQ(world.shared.corrections, 2U);  // the pose graph and the bundle adjustment
+  // Points that both turns saw have become one.
+  EXPECT_LT(world.shared.map.point_count(), points + 100);
+  EXPECT_GE(world.shared.map.keyframe(ids[kTurn]).covisible.count(ids[0]), 1U);
+}
+
+TEST_F(LoopCloserTest, KeepsWhatIsNearAKeyframeWhereItIsSeen) {
+  walk(0, kTurn);
+  world.forget_points();
+  walk(kTurn, kTurn + 4);
+  ASSERT_EQ(closer.closures().size(), 1U);
+  const Map& map = world.shared.map;
+  for (const KeyframeId id : map.keyframe_ids()) {
+    const Keyframe& keyframe = map.keyframe(id);
+    std::size_t points = 0, off = 0;
+    for (std::size_t i = 0; i < keyframe.points.size(); ++i) {
+      if (keyframe.points[i] == kNoId) continue;
+      const Eigen::Vector2d pixel =
+          world.camera.project(keyframe.T_cam_world * map.point(keyframe.points[i]).position);
+      const cv::Point2f at = keyframe.features->keypoints[i].pt;
+      ++points;
+      if ((pixel - Eigen::Vector2d(at.x, at.y)).norm() > 3.0) ++off;
+    }
+    EXPECT_GT(points, 100U);
+    EXPECT_LT(off, points / 50);
+  }
+}
+
+TEST_F(LoopCloserTest, FindsNoLoopWhereOtherThingsAre) {
+  walk(0, kTurn);
+  world.add_wall(1800);
+  world.forget_points();
+  walk(kTurn, 2 * kTurn);
+  EXPECT_TRUE(closer.closures().empty());
+}
+
+TEST_F(LoopCloserTest, IsNotMisledByAnObjectThatWasCarriedElsewhere) {
+  // 80 points in a box of half a metre, seen first straight ahead, later in another room.
+  const auto box = [&](double degrees) {
+    const RigidTransform T = SyntheticMap::true_pose(degrees).inverse();
+    std::vector<Eigen::Vector3d> corners;
+    for (int i = 0; i < 80; ++i) {
+      corners.push_back(
+          T * Eigen::Vector3d(0.06 * (i % 9) - 0.25, 0.06 * (i / 9) - 0.25, 2.0 + 0.02 * (i % 5)));
+    }
+    return corners;
+  };
+  for (const Eigen::Vector3d& corner : box(0.0)) world.add_point(corner);
+  const std::vector<WallPoint> object(world.wall.end() - 80, world.wall.end());
+  walk(0, kTurn);
+  world.add_wall(1800);
+  const std::vector<Eigen::Vector3d> carried = box(60.0);
+  for (std::size_t i = 0; i < object.size(); ++i) {
+    world.wall.push_back({carried[i], object[i].descriptor});
+  }
+  world.forget_points();
+  walk(kTurn, 2 * kTurn);
+  EXPECT_TRUE(closer.closures().empty());
+}
+
+TEST_F(LoopCloserTest, ForgetsKeyframesThatWereErased) {
+  walk(0, kTurn);
+  world.shared.map.erase_keyframe(ids[0]);
+  world.shared.map.erase_keyframe(ids[1]);
+  world.forget_points();
+  walk(kTurn, kTurn + 1);
+  for (const KeyframeId id :
+       closer.database().similar(*world.shared.map.keyframe(ids[kTurn]).features, 10)) {
+    EXPECT_NE(world.shared.map.find_keyframe(id), nullptr);
+  }
+}
+
+TEST_F(LoopCloserTest, DoesNothingOnceItIsStopped) {
+  walk(0, kTurn);
+  world.forget_points();
+  stop = true;
+  walk(kTurn, kTurn + 4);
+  EXPECT_TRUE(closer.closures().empty());
+  EXPECT_EQ(world.shared.corrections, 0U);
+}
+
+}  // namespace
+}  // namespace dynslam::slam

@@ -1,0 +1,136 @@
+// A camera that turns on the spot inside a wall of points, and the map that it makes of them.
+#pragma once
+
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <memory>
+#include <random>
+#include <unordered_map>
+#include <vector>
+
+#include "dynslam/core/camera.hpp"
+#include "dynslam/core/opencv.hpp"
+#include "dynslam/slam/map.hpp"
+
+#include "slam/shared_map.hpp"
+
+namespace dynslam::slam {
+
+inline std::vector<float> unit_scales() {
+  std::vector<float> scales;
+  for (int i = 0; i < 8; ++i) scales.push_back(static_cast<float>(std::pow(1.2, i)));
+  return scales;
+}
+
+struct WallPoint {
+  Eigen::Vector3d position;
+  std::array<std::uint8_t, 32> descriptor;
+};
+
+class SyntheticMap {
+ public:
+  SyntheticMap() {
+    camera.fx = camera.fy = 525.0;
+    camera.cx = 319.5;
+    camera.cy = 239.5;
+    camera.width = 640;
+    camera.height = 480;
+    camera.bf = 0.2 * 525.0;
+    add_wall(1800);
+  }
+
+  /// A round wall of radius 2.5 to 3.5 m.
+  void add_wall(int count) {
+    wall.clear();
+    for (int i = 0; i < count; ++i) {
+      const double angle = uniform(0.0, 2.0 * kPi), radius = uniform(2.5, 3.5);
+      add_point({radius * std::sin(angle), uniform(-1.2, 1.2), radius * std::cos(angle)});
+    }
+  }
+  void add_point(const Eigen::Vector3d& position) {
+    WallPoint point{position, {}};
+    for (std::uint8_t& byte : point.descriptor) byte = static_cast<std::uint8_t>(random() & 255U);
+    wall.push_back(point);
+  }
+  /// From here on nothing in view is joined with points of before, as after a long way.
+  void forget_points() { known_.clear(); }
+
+  /// Where a camera that looks at `degrees` is.
+  static RigidTransform true_pose(double degrees) {
+    return {so3_exp({0.0, -degrees * kPi / 180.0, 0.0}), Eigen::Vector3d::Zero()};
+  }
+
+  /// Makes a keyframe of what a camera at `degrees` sees, at the pose that drift has led to.
+  KeyframeId look(double degrees, const RigidTransform& T_cam_world) {
+    const RigidTransform T_cam_true = true_pose(degrees);
+    auto features = std::make_shared<FrameFeatures>();
+    std::vector<std::size_t> seen;
+    for (std::size_t i = 0; i < wall.size(); ++i) {
+      const Eigen::Vector3d in_camera = T_cam_true * wall[i].position;
+      const auto pixel = camera.project_into_image(in_camera);
+      if (!pixel) continue;
+      seen.push_back(i);
+      features->keypoints.emplace_back(
+          cv::Point2f(static_cast<float>(pixel->x() + uniform(-0.4, 0.4)),
+                      static_cast<float>(pixel->y() + uniform(-0.4, 0.4))),
+          31.0F);
+      features->keypoints.back().octave = 0;
+      const auto z = static_cast<float>(in_camera.z() + uniform(-0.005, 0.005));
+      features->depths.push_back(z);
+      features->right_columns.push_back(
+          static_cast<float>(camera.right_column(features->keypoints.back().pt.x, z)));
+    }
+    features->colors.resize(seen.size());
+    features->descriptors = cv::Mat(static_cast<int>(seen.size()), 32, CV_8U);
+    for (std::size_t f = 0; f < seen.size(); ++f) {
+      std::uint8_t* row = features->descriptors.ptr<std::uint8_t>(static_cast<int>(f));
+      std::copy_n(wall[seen[f]].descriptor.begin(), 32, row);
+      for (int flip = 0; flip < 6; ++flip) row[random() % 32] ^= 1U << (random() % 8);
+    }
+    features->grid.build(field(features->keypoints, &cv::KeyPoint::pt), camera.width,
+                         camera.height);
+    return insert(features, seen, T_cam_world);
+  }
+
+  DepthCamera camera;
+  SharedMap shared;
+  std::vector<WallPoint> wall;
+
+ private:
+  static constexpr double kPi = 3.14159265358979323846;
+
+  KeyframeId insert(const FrameFeaturesPtr& features, const std::vector<std::size_t>& seen,
+                    const RigidTransform& T_cam_world) {
+    Map& map = shared.map;
+    Keyframe keyframe;
+    keyframe.frame_index = 10 * map.keyframes_made();
+    keyframe.timestamp = 0.1 * static_cast<double>(keyframe.frame_index);
+    keyframe.T_cam_world = T_cam_world;
+    keyframe.features = features;
+    const KeyframeId id = map.add_keyframe(std::move(keyframe));
+    const RigidTransform T_world_cam = T_cam_world.inverse();
+    for (std::uint32_t f = 0; f < seen.size(); ++f) {
+      const auto known = known_.find(seen[f]);
+      if (known != known_.end() && map.find_point(known->second) != nullptr) {
+        map.add_observation(known->second, {id, f});
+      } else {
+        const cv::Point2f pixel = features->keypoints[f].pt;
+        MapPoint point;
+        point.position = T_world_cam * camera.unproject({pixel.x, pixel.y}, features->depths[f]);
+        known_[seen[f]] = map.add_point(point);
+        map.add_observation(known_[seen[f]], {id, f});
+      }
+      map.refresh_point(known_[seen[f]], unit_scales());
+    }
+    return id;
+  }
+  double uniform(double low, double high) {
+    return low + (high - low) * static_cast<double>(random() >> 11U) * 0x1.0p-53;
+  }
+
+  std::mt19937_64 random{7};
+  std::unordered_map<std::size_t, PointId> known_;  // of the wall, in the map
+};
+
+}  // namespace dynslam::slam
