@@ -16,6 +16,8 @@ constexpr double kFirstRadius = 8.0;   // pixels at the finest level, under the 
 constexpr double kSecondRadius = 4.0;  // under the refined one
 constexpr int kMaxDistance = 64;       // bits
 constexpr std::size_t kMinMatches = 12;
+constexpr int kColumns = 8, kRows = 6;  // cells of the image
+constexpr double kCellShare = 0.2;      // of a cell's points that confirm the cell
 
 template <typename Value>
 Value not_a_point() {
@@ -94,10 +96,29 @@ loop::Verification LoopCheck::verify(KeyframeId query, KeyframeId candidate, Loo
   result.T_candidate_query = found.T_query_match.inverse();
   if (inliers < options_.min_inliers) {
     result.verdict = loop::Verdict::kNoGeometry;
-  } else if (inliers < options_.min_confirmed * found.visible) {
+  } else if (confirmed_share() < options_.min_confirmed) {
     result.verdict = loop::Verdict::kOtherScene;
   }
   return result;
+}
+
+std::size_t LoopCheck::cell_of(cv::Point2f pixel) const {
+  const int column =
+      std::clamp(static_cast<int>(pixel.x) * kColumns / camera_.width, 0, kColumns - 1);
+  const int row = std::clamp(static_cast<int>(pixel.y) * kRows / camera_.height, 0, kRows - 1);
+  return static_cast<std::size_t>(row * kColumns + column);
+}
+
+// Of the cells that should show the place, those that do. Counting points instead would let an
+// object of much texture speak for its surroundings.
+double LoopCheck::confirmed_share() const {
+  int visible = 0, confirmed = 0;
+  for (std::size_t c = 0; c < visible_.size(); ++c) {
+    if (visible_[c] == 0) continue;
+    ++visible;
+    if (confirmed_[c] >= kCellShare * visible_[c]) ++confirmed;
+  }
+  return visible == 0 ? 0.0 : static_cast<double>(confirmed) / visible;
 }
 
 // Looks for the place's points in the query and refines the pose on what is found.
@@ -108,12 +129,15 @@ int LoopCheck::confirm(const RigidTransform& T_query_world, double radius, LoopM
   std::vector<float> radii(n, 0.0F);
   std::vector<int> min_octaves(n), max_octaves(n);
   found.visible = 0;
+  visible_.assign(kColumns * kRows, 0);
+  confirmed_.assign(kColumns * kRows, 0);
   for (std::size_t i = 0; i < n; ++i) {
     const auto sighting = visible(place_.positions[i], place_.normals[i], place_.min_distances[i],
                                   place_.max_distances[i]);
     if (!sighting) continue;
     ++found.visible;
     pixels[i] = {static_cast<float>(sighting->pixel.x()), static_cast<float>(sighting->pixel.y())};
+    ++visible_[cell_of(pixels[i])];
     radii[i] =
         static_cast<float>(radius) * scale_factors_[static_cast<std::size_t>(sighting->octave)];
     min_octaves[i] = sighting->octave - 1;
@@ -140,8 +164,9 @@ int LoopCheck::confirm(const RigidTransform& T_query_world, double radius, LoopM
   if (!pose) return 0;
   refined_ = pose.T_cam_world;
   for (std::size_t i = 0; i < pairs.size(); ++i) {
-    if (pose_.inliers()[i] != 0)
-      found.points.emplace_back(pairs[i].feature, place_.ids[pairs[i].source]);
+    if (pose_.inliers()[i] == 0) continue;
+    found.points.emplace_back(pairs[i].feature, place_.ids[pairs[i].source]);
+    ++confirmed_[cell_of(pixels[pairs[i].source])];
   }
   found.inliers = pose.inliers;
   return pose.inliers;

@@ -34,8 +34,8 @@ class LoopCheck {
 
   /// First the motion between the two by three-point RANSAC over matched words, with depth on both
   /// sides; then all map points around the candidate are looked for in the query under that motion,
-  /// and the pose is refined on them. Enough of them, and enough of those that should be seen, must
-  /// agree in pixels and depth; `found` is filled then.
+  /// and the pose is refined on them. Enough of them must agree in pixels and depth, and all over
+  /// the part of the image that should show them; `found` is filled then.
   loop::Verification verify(KeyframeId query, KeyframeId candidate, LoopMatch& found);
 
  private:
@@ -48,6 +48,8 @@ class LoopCheck {
   bool copy(KeyframeId id, Side& side) const;
   loop::Verification find_motion(KeyframeId query, KeyframeId candidate);
   int confirm(const RigidTransform& T_query_world, double radius, LoopMatch& found);
+  std::size_t cell_of(cv::Point2f pixel) const;
+  double confirmed_share() const;
 
   DepthCamera camera_;
   std::vector<float> scale_factors_;
@@ -58,6 +60,7 @@ class LoopCheck {
   LocalMap place_;  // the old place
   PoseEstimation pose_;
   RigidTransform refined_;
+  std::vector<int> visible_, confirmed_;  // by cell of the image: points of the place
 };
 
 }  // namespace dynslam::slam

@@ -53,7 +53,7 @@ class SyntheticMap {
     for (std::uint8_t& byte : point.descriptor) byte = static_cast<std::uint8_t>(random() & 255U);
     wall.push_back(point);
   }
-  /// From here on nothing in view is joined with points of before, as after a long way.
+  /// From here on nothing in view is joined with points of before.
   void forget_points() { known_.clear(); }
 
   /// Where a camera that looks at `degrees` is.
@@ -99,6 +99,12 @@ class SyntheticMap {
 
  private:
   static constexpr double kPi = 3.14159265358979323846;
+  static constexpr std::size_t kMemory = 3;  // keyframes after which a point is not found again
+
+  struct Known {
+    PointId id = kNoId;
+    std::size_t keyframes = 0;  // made when it was last seen
+  };
 
   KeyframeId insert(const FrameFeaturesPtr& features, const std::vector<std::size_t>& seen,
                     const RigidTransform& T_cam_world) {
@@ -111,17 +117,19 @@ class SyntheticMap {
     const KeyframeId id = map.add_keyframe(std::move(keyframe));
     const RigidTransform T_world_cam = T_cam_world.inverse();
     for (std::uint32_t f = 0; f < seen.size(); ++f) {
-      const auto known = known_.find(seen[f]);
-      if (known != known_.end() && map.find_point(known->second) != nullptr) {
-        map.add_observation(known->second, {id, f});
+      Known& known = known_[seen[f]];
+      const bool lost = map.keyframes_made() > known.keyframes + kMemory;
+      if (!lost && map.find_point(known.id) != nullptr) {
+        map.add_observation(known.id, {id, f});
       } else {
         const cv::Point2f pixel = features->keypoints[f].pt;
         MapPoint point;
         point.position = T_world_cam * camera.unproject({pixel.x, pixel.y}, features->depths[f]);
-        known_[seen[f]] = map.add_point(point);
-        map.add_observation(known_[seen[f]], {id, f});
+        known.id = map.add_point(point);
+        map.add_observation(known.id, {id, f});
       }
-      map.refresh_point(known_[seen[f]], unit_scales());
+      known.keyframes = map.keyframes_made();
+      map.refresh_point(known.id, unit_scales());
     }
     return id;
   }
@@ -130,7 +138,7 @@ class SyntheticMap {
   }
 
   std::mt19937_64 random{7};
-  std::unordered_map<std::size_t, PointId> known_;  // of the wall, in the map
+  std::unordered_map<std::size_t, Known> known_;  // points of the wall in the map
 };
 
 }  // namespace dynslam::slam

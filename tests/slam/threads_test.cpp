@@ -34,7 +34,7 @@ SystemOptions options_with(Threading threading) {
   SystemOptions options;
   options.tracking.orb.max_features = 500;
   options.tracking.orb.levels = 4;
-  options.mapping.keyframe_share = 0.95;
+  options.mapping.max_frames = 4;
   options.loops.first_vocabulary = 4;
   options.threading = threading;
   return options;

@@ -18,10 +18,11 @@ struct LoopOptions {
   /// Map points of the old place that a keyframe must confirm in pixels and depth, >= 6. Source:
   /// the field's habit of 40.
   int min_inliers = 40;
-  /// Share of the map points of the old place, which should be seen from here, that must be
-  /// confirmed, [0, 1]: an object carried elsewhere brings its own points, not those around it.
-  /// Engineering.
-  double min_confirmed = 0.25;
+  /// Share of the image, where it should show map points of the old place, that must confirm them,
+  /// [0, 1]: an object carried elsewhere brings its own points, not those around it. Cells of an
+  /// eighth of the width count if a fifth of their points is found. Engineering: people in front of
+  /// the place may hide half of it.
+  double min_confirmed = 0.5;
   /// Refine the whole map after a loop.
   bool bundle_adjustment = true;
 
