@@ -89,6 +89,12 @@ double peak_memory_mb() {
   return static_cast<double>(usage.ru_maxrss) / 1024.0;
 }
 
+// A single camera cannot know the scale.
+evaluation::Alignment alignment_of(const RunOutcome& outcome) {
+  return outcome.system->options().sensor == slam::Sensor::kMono ? evaluation::Alignment::kSim3
+                                                                 : evaluation::Alignment::kSE3;
+}
+
 void write_frames(const fs::path& path, const RunOutcome& outcome) {
   std::ostringstream out;
   out.imbue(std::locale::classic());
@@ -176,6 +182,7 @@ Json summarize(const dataset::Sequence& sequence, const RunFlags& flags,
   const slam::Map& map = outcome.system->map();
   Json json = {{"sequence", sequence.name()},
                {"system", flags.system},
+               {"sensor", slam::to_string(outcome.system->options().sensor)},
                {"segmenter", flags.segmenter},
                {"frames", sequence.size()},
                {"tracked", outcome.tracked()},
@@ -187,11 +194,19 @@ Json summarize(const dataset::Sequence& sequence, const RunFlags& flags,
                {"loops", outcome.system->loops().size()},
                {"relocalizations", outcome.count("relocalized")}};
   if (!sequence.truth().empty()) {
-    const evaluation::AteResult ate = evaluation::ate(sequence.truth(), outcome.trajectory);
+    evaluation::AteOptions ate_options;
+    evaluation::RpeOptions rpe_options;
+    ate_options.alignment = alignment_of(outcome);
+    if (ate_options.alignment == evaluation::Alignment::kSim3) {
+      rpe_options.alignment = evaluation::Alignment::kSim3;
+    }
+    const evaluation::AteResult ate =
+        evaluation::ate(sequence.truth(), outcome.trajectory, ate_options);
     json["ate"] = to_json(ate.error);
     json["ate"]["pairs"] = ate.error.count;
-    json["ate"]["align"] = "se3";
-    json["rpe"] = to_json(evaluation::rpe(sequence.truth(), outcome.trajectory).translation);
+    json["ate"]["align"] = evaluation::to_string(ate_options.alignment);
+    json["rpe"] = to_json(
+        evaluation::rpe(sequence.truth(), outcome.trajectory, rpe_options).translation);
   }
   json["time_ms"] = times(outcome);
   json["frames_per_second"] = number(static_cast<double>(outcome.rows.size()) / outcome.seconds);
@@ -247,6 +262,10 @@ std::string write_html(const fs::path& folder, const dataset::Sequence& sequence
   report.truth = sequence.truth();
   report.run = to_record(flags.system, outcome);
   report.others = others;
+  report.ate.alignment = alignment_of(outcome);
+  if (report.ate.alignment == evaluation::Alignment::kSim3) {
+    report.rpe.alignment = evaluation::Alignment::kSim3;
+  }
   return evaluation::write_report((folder / "report.html").string(), report).problem;
 }
 

@@ -94,6 +94,16 @@ void require_depth(const char* command, const dataset::Sequence& sequence) {
                          "a sequence with depth images");
 }
 
+slam::Sensor choose_sensor(const RunFlags& flags, const dataset::Sequence& sequence) {
+  const dataset::SensorKind there = sequence.sensor();
+  const std::string has = dataset::to_string(there);
+  const std::string wanted = flags.sensor.empty() ? has : flags.sensor;
+  if (wanted == slam::to_string(slam::Sensor::kMono)) return slam::Sensor::kMono;
+  require(wanted == has, "dynslam run", "--sensor", wanted,
+          sequence.name() + " to have it; it is " + has);
+  return there == dataset::SensorKind::kStereo ? slam::Sensor::kStereo : slam::Sensor::kRgbd;
+}
+
 slam::Composition composition_of(const RunFlags& flags) {
   slam::Composition system = slam::composition(flags.system);
   system.options.tracking.orb.max_features = flags.features;
@@ -110,7 +120,8 @@ std::size_t RunOutcome::count(const std::string& state) const {
 }
 
 RunOutcome run_system(const dataset::Sequence& sequence, const RunFlags& flags) {
-  require_depth("dynslam run", sequence);
+  slam::SystemOptions options = composition_of(flags).options;
+  options.sensor = choose_sensor(flags, sequence);
   if (flags.threads > 0) {
     cv::setNumThreads(flags.threads);
   } else if (flags.asynchronous()) {
@@ -119,7 +130,7 @@ RunOutcome run_system(const dataset::Sequence& sequence, const RunFlags& flags) 
   RunOutcome outcome;
   loop::Vocabulary vocabulary;
   if (!flags.vocabulary.empty()) vocabulary = loop::load_vocabulary(flags.vocabulary);
-  outcome.system = std::make_unique<slam::System>(sequence.camera(), composition_of(flags).options,
+  outcome.system = std::make_unique<slam::System>(sequence.camera(), options,
                                                   std::move(vocabulary));
   MaskSource masks(flags, sequence);
   LiveView view(flags, sequence);

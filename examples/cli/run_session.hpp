@@ -20,6 +20,7 @@ namespace dynslam::cli {
 /// What `dynslam run` was asked for.
 struct RunFlags {
   std::string system = "p-static";
+  std::string sensor;  ///< rgbd, stereo or mono; empty: what the sequence has
   std::string segmenter = "none";
   std::string backend = "opencv";
   std::vector<std::string> classes;  ///< empty: the policy's own
@@ -76,14 +77,18 @@ struct RunOutcome {
   std::size_t tracked() const { return count("tracked") + count("relocalized"); }
 };
 
+/// What the system is to use of the sequence's frames. Throws InvalidArgument when the flags ask for
+/// what the sequence lacks.
+slam::Sensor choose_sensor(const RunFlags& flags, const dataset::Sequence& sequence);
+
 /// Throws InvalidArgument in the name of `command` for a sequence without depth images.
 void require_depth(const char* command, const dataset::Sequence& sequence);
 
 /// The system that the flags name, with their settings and without what they leave out.
 slam::Composition composition_of(const RunFlags& flags);
 
-/// Runs the system that the flags name. Throws InvalidArgument for a sequence without depth and for
-/// unknown names; IoError if not a single frame could be read.
+/// Runs the system that the flags name. Throws InvalidArgument for a sequence without what the
+/// sensor asked for needs and for unknown names; IoError if not a single frame could be read.
 RunOutcome run_system(const dataset::Sequence& sequence, const RunFlags& flags);
 
 }  // namespace dynslam::cli

@@ -16,7 +16,9 @@ Backend::Backend(const DepthCamera& camera, const SystemOptions& options,
                  const std::vector<float>& scale_factors, loop::Vocabulary vocabulary,
                  SharedMap& shared)
     : mapper_(camera, options, scale_factors, shared) {
-  if (options.loops.enabled && factors::has_ceres()) {
+  // Without depth a map drifts in scale, which a loop correction by rigid motions cannot mend.
+  const bool has_scale = options.sensor != Sensor::kMono;
+  if (options.loops.enabled && has_scale && factors::has_ceres()) {
     closer_ =
         std::make_unique<LoopCloser>(camera, options, scale_factors, std::move(vocabulary), shared);
   }
@@ -33,6 +35,11 @@ bool Backend::accepts_keyframe() const { return mapping_ == nullptr || !mapping_
 
 KeyframeId Backend::insert(TrackedFrame& frame, std::size_t frame_index) {
   return mapper_.insert(frame, frame_index);
+}
+
+KeyframeId Backend::insert_start(const MonoStart& start, TrackedFrame& second,
+                                 std::size_t frame_index) {
+  return mapper_.insert_start(start, second, frame_index);
 }
 
 void Backend::process(KeyframeId keyframe) {

@@ -33,6 +33,8 @@ class Backend {
   bool accepts_keyframe() const;
   /// As LocalMapper::insert: the caller holds the map.
   KeyframeId insert(TrackedFrame& frame, std::size_t frame_index);
+  /// See LocalMapper::insert_start. The caller holds the map.
+  KeyframeId insert_start(const MonoStart& start, TrackedFrame& second, std::size_t frame_index);
   /// Has a keyframe refined, now or in the background. The caller must not hold the map.
   void process(KeyframeId keyframe);
 

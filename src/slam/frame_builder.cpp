@@ -29,8 +29,11 @@ std::string expected(const DepthCamera& camera, const char* type) {
 
 }  // namespace
 
-FrameBuilder::FrameBuilder(const DepthCamera& camera, const TrackingOptions& options)
-    : camera_(camera), max_depth_(options.max_depth), extractor_(options.orb) {}
+FrameBuilder::FrameBuilder(const DepthCamera& camera, const SystemOptions& options)
+    : camera_(camera),
+      sensor_(options.sensor),
+      max_depth_(options.tracking.max_depth),
+      extractor_(options.tracking.orb) {}
 
 void FrameBuilder::require_valid(const FrameInput& frame) const {
   const auto fits = [&](const cv::Mat& image) {
@@ -69,13 +72,13 @@ FrameFeaturesPtr FrameBuilder::build(const FrameInput& frame) {
     features->colors[i] =
         frame.image.channels() == 3 ? frame.image.at<cv::Vec3b>(at) : cv::Vec3b(gray, gray, gray);
   }
-  add_depth(frame.depth, *features);
+  add_depth(sensor_ == Sensor::kRgbd ? frame.depth : cv::Mat(), *features);
   cv::resize(gray_, gray_cells_, gray_.size() / kSurfaceCell, 0, 0, cv::INTER_AREA);
   return features;
 }
 
 void FrameBuilder::copy_depth(const FrameInput& frame, cv::Mat& depth) const {
-  if (frame.depth.empty()) {
+  if (sensor_ != Sensor::kRgbd || frame.depth.empty()) {
     depth.release();
     return;
   }

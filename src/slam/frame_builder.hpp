@@ -10,7 +10,7 @@ namespace dynslam::slam {
 
 class FrameBuilder {
  public:
-  FrameBuilder(const DepthCamera& camera, const TrackingOptions& options);
+  FrameBuilder(const DepthCamera& camera, const SystemOptions& options);
 
   /// Throws InvalidArgument if image, depth or mask are not what FrameInput says.
   void require_valid(const FrameInput& frame) const;
@@ -31,6 +31,7 @@ class FrameBuilder {
   void add_depth(const cv::Mat& depth, FrameFeatures& features) const;
 
   DepthCamera camera_;
+  Sensor sensor_;
   double max_depth_;
   features::OrbExtractor extractor_;
   cv::Mat gray_, gray_cells_;

@@ -12,6 +12,7 @@ namespace {
 constexpr std::size_t kTrialKeyframes = 3;     // a young point is on trial for as many keyframes
 constexpr std::size_t kTrialObservations = 2;  // and must have been seen by as many of them
 constexpr std::size_t kFuseNeighbours = 10;
+constexpr std::size_t kTriangulateNeighbours = 10;
 constexpr int kMinShared = 15;               // points that make two keyframes neighbours
 constexpr float kNewWeight = 0.5F;           // belief in a new point where movers are looked for
 constexpr std::size_t kCullNeighbours = 20;  // keyframes looked at for being redundant
@@ -25,7 +26,8 @@ LocalMapper::LocalMapper(const DepthCamera& camera, const SystemOptions& options
       options_(options),
       scale_factors_(scale_factors),
       shared_(shared),
-      fusion_(camera, scale_factors) {}
+      fusion_(camera, scale_factors),
+      triangulator_(camera, scale_factors) {}
 
 KeyframeId LocalMapper::insert(TrackedFrame& frame, std::size_t frame_index) {
   Map& map = shared_.map;
@@ -61,8 +63,32 @@ KeyframeId LocalMapper::insert(TrackedFrame& frame, std::size_t frame_index) {
   return id;
 }
 
+KeyframeId LocalMapper::insert_start(const MonoStart& start, TrackedFrame& second,
+                                     std::size_t frame_index) {
+  Map& map = shared_.map;
+  TrackedFrame first = start.first;
+  first.T_cam_world = RigidTransform();
+  second.T_cam_world = start.reconstruction.T_second_first;
+  const KeyframeId first_id = insert(first, start.first_index);
+  const KeyframeId second_id = insert(second, frame_index);
+  for (std::size_t i = 0; i < start.matches.size(); ++i) {
+    if (start.reconstruction.good[i] == 0) continue;
+    const auto a = static_cast<std::uint32_t>(start.matches[i].query);
+    const auto b = static_cast<std::uint32_t>(start.matches[i].train);
+    MapPoint point;
+    point.position = start.reconstruction.points[i];
+    point.color = second.features->colors[b];
+    second.points[b] = map.add_point(std::move(point));
+    map.add_observation(second.points[b], {first_id, a});
+    map.add_observation(second.points[b], {second_id, b});
+    map.refresh_point(second.points[b], scale_factors_);
+  }
+  return second_id;
+}
+
 void LocalMapper::refine(KeyframeId id, bool with_bundle, const std::atomic<bool>& stop) {
   drop_bad_points();
+  if (options_.sensor != Sensor::kRgbd) triangulate(id, stop);
   fuse_neighbours(id, stop);
   if (options_.bundle_adjustment && with_bundle) adjust_bundle(id, stop);
   drop_redundant(id, stop);
@@ -87,6 +113,12 @@ void LocalMapper::drop_bad_points() {
   };
   young_points_.erase(std::remove_if(young_points_.begin(), young_points_.end(), settled),
                       young_points_.end());
+}
+
+void LocalMapper::triangulate(KeyframeId id, const std::atomic<bool>& stop) {
+  const std::vector<PointId> made = triangulator_.grow(shared_, id, kTriangulateNeighbours, stop);
+  const BackgroundLock lock(shared_.mutex);
+  young_points_.insert(young_points_.end(), made.begin(), made.end());
 }
 
 void LocalMapper::fuse_neighbours(KeyframeId id, const std::atomic<bool>& stop) {

@@ -9,6 +9,8 @@
 #include "dynslam/factors/bundle_adjustment.hpp"
 #include "dynslam/slam/options.hpp"
 
+#include "mono_initializer.hpp"
+#include "new_points.hpp"
 #include "point_fusion.hpp"
 #include "shared_map.hpp"
 #include "tracked_frame.hpp"
@@ -24,13 +26,19 @@ class LocalMapper {
   /// become points. `frame.points` then holds the new points as well. The caller holds the map.
   KeyframeId insert(TrackedFrame& frame, std::size_t frame_index);
 
-  /// Tidies up around a keyframe: drops bad points, joins points seen twice, adjusts the bundle
-  /// unless that is left out, drops what is redundant by then.
-  /// Holds the map for parts of it only; a raised `stop` ends it early.
+  /// Makes keyframes of the two frames that start a map without depth, and points of their matches;
+  /// the world is the first one's camera frame. Pose and points of `second` are filled. Returns its
+  /// keyframe. The caller holds the map.
+  KeyframeId insert_start(const MonoStart& start, TrackedFrame& second, std::size_t frame_index);
+
+  /// Tidies up around a keyframe: drops bad points, triangulates new ones where the sensor leaves
+  /// depths open, joins points seen twice, adjusts the bundle unless that is left out, drops what
+  /// is redundant by then. Holds the map for parts of it only; a raised `stop` ends it early.
   void refine(KeyframeId keyframe, bool with_bundle, const std::atomic<bool>& stop);
 
  private:
   void drop_bad_points();
+  void triangulate(KeyframeId keyframe, const std::atomic<bool>& stop);
   void fuse_neighbours(KeyframeId keyframe, const std::atomic<bool>& stop);
   void adjust_bundle(KeyframeId keyframe, const std::atomic<bool>& stop);
   void drop_redundant(KeyframeId keyframe, const std::atomic<bool>& stop);
@@ -41,6 +49,7 @@ class LocalMapper {
   std::vector<float> scale_factors_;
   SharedMap& shared_;
   PointFusion fusion_;
+  PointTriangulator triangulator_;
   std::vector<PointId> young_points_;  // guarded by the map's lock
   factors::BundleWorkspace workspace_;
 };

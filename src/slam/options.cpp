@@ -4,6 +4,18 @@
 
 namespace dynslam::slam {
 
+const char* to_string(Sensor sensor) {
+  switch (sensor) {
+    case Sensor::kRgbd:
+      return "rgbd";
+    case Sensor::kStereo:
+      return "stereo";
+    case Sensor::kMono:
+      return "mono";
+  }
+  return "";
+}
+
 void TrackingOptions::validate() const {
   constexpr const char* kName = "TrackingOptions";
   orb.validate();

@@ -30,7 +30,7 @@ const char* to_string(TrackingState state) {
 struct System::Impl {
   Impl(const DepthCamera& camera, const SystemOptions& options_, loop::Vocabulary vocabulary)
       : options(options_),
-        builder(camera, options_.tracking),
+        builder(camera, options_),
         backend(camera, options_, builder.scale_factors(), std::move(vocabulary), shared),
         session(camera, options_, builder, shared, backend) {}
 
@@ -43,13 +43,14 @@ struct System::Impl {
 
 System::System(const DepthCamera& camera, const SystemOptions& options,
                loop::Vocabulary vocabulary) {
-  camera.validate();
   options.validate();
   require(vocabulary.empty() || vocabulary.descriptor_bytes() == 32, "System", "vocabulary",
           std::to_string(vocabulary.empty() ? 0 : vocabulary.descriptor_bytes()) + " bytes a word",
           "a vocabulary of 32-byte descriptors");
   DepthCamera weighted = camera;
-  if (options.tracking.virtual_baseline > 0.0) {
+  if (options.sensor == Sensor::kMono) weighted.bf = weighted.fx;  // of no meaning, but valid
+  weighted.validate();
+  if (options.sensor == Sensor::kRgbd && options.tracking.virtual_baseline > 0.0) {
     weighted.bf = options.tracking.virtual_baseline * camera.fx;
   }
   impl_ = std::make_unique<Impl>(weighted, options, std::move(vocabulary));

@@ -25,6 +25,7 @@ TrackingSession::TrackingSession(const DepthCamera& camera, const SystemOptions&
       shared_(shared),
       backend_(backend),
       tracker_(camera, options, builder.scale_factors()),
+      mono_(camera, builder.scale_factors()),
       tracks_(camera, builder.scale_factors()),
       movers_(camera) {}
 
@@ -54,7 +55,20 @@ void TrackingSession::follow_corrections() {
   last_.T_cam_world = *corrected;
 }
 
+// Both frames become keyframes; those between them never had a pose.
+bool TrackingSession::initialize_mono(FrameResult& result) {
+  if (!mono_.offer(current_, shared_.log.size())) return false;
+  const MonoStart& start = mono_.start();
+  shared_.log.reference = backend_.insert_start(start, current_, shared_.log.size());
+  velocity_ = se3_log(current_.T_cam_world) / (current_.timestamp - start.first.timestamp);
+  frames_since_keyframe_ = 0;
+  result.keyframe = true;
+  mono_.reset();
+  return true;
+}
+
 bool TrackingSession::initialize(FrameResult& result, TrackingLock& lock) {
+  if (options_.sensor == Sensor::kMono) return initialize_mono(result);
   const auto& depths = current_.features->depths;
   const auto with_depth =
       std::count_if(depths.begin(), depths.end(), [](float z) { return z > 0; });
@@ -163,7 +177,9 @@ void TrackingSession::make_keyframe(FrameResult& result, TrackingLock& lock) {
   frames_since_keyframe_ = 0;
   without_map(lock, [&] { backend_.process(keyframe); });
   const Keyframe* refined = shared_.map.find_keyframe(keyframe);
-  if (refined != nullptr) current_.T_cam_world = refined->T_cam_world;
+  if (refined == nullptr) return;
+  current_.T_cam_world = refined->T_cam_world;
+  if (options_.sensor != Sensor::kRgbd) current_.points = refined->points;  // triangulated ones
 }
 
 void TrackingSession::update_velocity() {

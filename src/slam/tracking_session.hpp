@@ -12,6 +12,7 @@
 #include "backend.hpp"
 #include "feature_tracks.hpp"
 #include "frame_builder.hpp"
+#include "mono_initializer.hpp"
 #include "mover_detector.hpp"
 #include "shared_map.hpp"
 #include "tracked_frame.hpp"
@@ -36,6 +37,7 @@ class TrackingSession {
   void step(FrameResult& result);
   bool locate(FrameResult& result, TrackingLock& lock);
   bool initialize(FrameResult& result, TrackingLock& lock);
+  bool initialize_mono(FrameResult& result);
   bool follow(TrackingLock& lock);
   bool relocalize();
   std::vector<KeyframeId> relocalization_candidates();
@@ -53,6 +55,7 @@ class TrackingSession {
   SharedMap& shared_;
   Backend& backend_;
   Tracker tracker_;
+  MonoInitializer mono_;
   FeatureTracks tracks_;
   MoverDetector movers_;
   TrackedFrame current_, last_;

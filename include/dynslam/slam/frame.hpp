@@ -21,6 +21,7 @@ struct FrameInput {
   cv::Mat image;           ///< 8UC3 (BGR) or 8UC1, size of the camera
   cv::Mat depth;           ///< 32FC1 metres, 0 or NaN = none, size of the image; may be empty
   cv::Mat mask;            ///< 8UC1, 0 static, 255 dynamic, size of the image; empty = all static
+  cv::Mat right = {};      ///< the rectified right image, as `image`; empty unless kStereo
 };
 
 /// Features of one image; never changed once built, so shared between frames, keyframes and

@@ -9,6 +9,16 @@
 
 namespace dynslam::slam {
 
+/// What the camera gives beside its image.
+enum class Sensor {
+  kRgbd,    ///< a depth image registered to it
+  kStereo,  ///< the rectified image of a second camera to the right, DepthCamera::bf away
+  kMono,    ///< nothing: the map starts from two frames and has no scale of its own
+};
+
+/// "rgbd", "stereo" or "mono".
+const char* to_string(Sensor sensor);
+
 /// How frames are tracked against the map.
 struct TrackingOptions {
   /// Features of each image.
@@ -68,6 +78,8 @@ enum class Threading {
 
 /// Settings of System.
 struct SystemOptions {
+  /// What FrameInput holds. Depth images are left alone unless kRgbd, right images unless kStereo.
+  Sensor sensor = Sensor::kRgbd;
   TrackingOptions tracking;
   MappingOptions mapping;
   /// Find what moves by comparing depth with earlier frames (P-Static section 3.2) and keep it out
