@@ -143,7 +143,8 @@ CLI::App* add_run_command(CLI::App& app, std::function<int()>& work) {
   command->add_option("--system", run_flags.system, "what handles movers")
       ->check(CLI::IsMember(slam::composition_names()))
       ->capture_default_str();
-  command->add_option("--sensor", run_flags.sensor, "what to use; default: all that the frames hold")
+  command
+      ->add_option("--sensor", run_flags.sensor, "what to use; default: all that the frames hold")
       ->check(CLI::IsMember({"rgbd", "stereo", "mono"}));
   add_segmenter_flags(*command, run_flags);
   command->add_option("--without", run_flags.without, "parts of the system to switch off")

@@ -205,8 +205,8 @@ Json summarize(const dataset::Sequence& sequence, const RunFlags& flags,
     json["ate"] = to_json(ate.error);
     json["ate"]["pairs"] = ate.error.count;
     json["ate"]["align"] = evaluation::to_string(ate_options.alignment);
-    json["rpe"] = to_json(
-        evaluation::rpe(sequence.truth(), outcome.trajectory, rpe_options).translation);
+    json["rpe"] =
+        to_json(evaluation::rpe(sequence.truth(), outcome.trajectory, rpe_options).translation);
   }
   json["time_ms"] = times(outcome);
   json["frames_per_second"] = number(static_cast<double>(outcome.rows.size()) / outcome.seconds);

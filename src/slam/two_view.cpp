@@ -11,8 +11,8 @@
 #include <opencv2/core/eigen.hpp>
 
 #include "dynslam/core/errors.hpp"
-#include "dynslam/factors/bundle_adjustment.hpp"
-#include "dynslam/slam/triangulation.hpp"
+
+#include "two_view_motion.hpp"
 
 namespace dynslam::slam {
 namespace {
@@ -21,16 +21,8 @@ using Eigen::Matrix3d;
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-constexpr double kChi2Line = 3.841;   // 95 % of chi^2, 1 degree of freedom
-constexpr double kChi2Pixel = 5.991;  // 2 degrees of freedom
 constexpr double kSamePoseDeg = 1.5;  // motions nearer than this are one
 constexpr double kConfidence = 0.9999;
-
-struct PixelMatch {
-  Vector2d first, second;
-  double first_scale = 1.0, second_scale = 1.0;
-  std::size_t column = 0;
-};
 
 struct Model {
   Matrix3d matrix = Matrix3d::Zero();
@@ -38,24 +30,8 @@ struct Model {
   bool found = false;
 };
 
-/// A motion and the points that speak for it.
-struct Motion {
-  RigidTransform T_second_first;
-  std::vector<TriangulatedPoint> points;  // by match
-  std::size_t good = 0;                   // with enough parallax, in front, small errors
-  std::size_t contrary = 0;               // with enough parallax, but behind a camera
-  std::size_t wide = 0;                   // good ones with min_parallax_deg
-};
-
 // Truncated score of a squared error: nothing beyond `bound`.
-double credit(double squared, double bound) {
-  return squared < bound ? kChi2Pixel - squared : 0.0;
-}
-
-double squared_line_distance(const Vector3d& line, const Vector2d& pixel) {
-  const double d = line.dot(pixel.homogeneous());
-  return d * d / line.head<2>().squaredNorm();
-}
+double credit(double squared, double bound) { return squared < bound ? kChi2Pixel - squared : 0.0; }
 
 class TwoViewProblem {
  public:
@@ -74,12 +50,8 @@ class TwoViewProblem {
  private:
   Model homography() const;
   Model essential() const;
-  bool is_explained(const Model& model, bool plane, const PixelMatch& match) const;
   std::vector<RigidTransform> motions_of(const Model& model, bool plane) const;
-  Motion judge(const RigidTransform& T_second_first, const std::vector<std::uint8_t>& counted) const;
-  TwoViewStatus choose(const std::vector<RigidTransform>& candidates,
-                       const std::vector<std::uint8_t>& counted, Motion& best) const;
-  bool adjust(Motion& motion) const;
+  TwoViewStatus choose(const std::vector<RigidTransform>& candidates, TwoViewMotion& best) const;
   cv::UsacParams ransac(double threshold) const;
 
   PinholeCamera camera_;
@@ -100,7 +72,8 @@ cv::UsacParams TwoViewProblem::ransac(double threshold) const {
 
 Model TwoViewProblem::homography() const {
   Model model;
-  const cv::Mat H = cv::findHomography(first_, second_, cv::noArray(), ransac(std::sqrt(kChi2Pixel)));
+  const cv::Mat H =
+      cv::findHomography(first_, second_, cv::noArray(), ransac(std::sqrt(kChi2Pixel)));
   if (H.empty()) return model;
   cv::cv2eigen(H, model.matrix);
   model.found = model.matrix.allFinite() && std::abs(model.matrix.determinant()) > 1e-12;
@@ -128,26 +101,17 @@ Model TwoViewProblem::essential() const {
   if (!model.found) return model;
   const Matrix3d F = K_.inverse().transpose() * model.matrix * K_.inverse();
   for (const PixelMatch& m : matches_) {
-    const double there = squared_line_distance(F * m.first.homogeneous(), m.second);
-    const double back = squared_line_distance(F.transpose() * m.second.homogeneous(), m.first);
+    const double there = squared_line_distance(F, m.first, m.second);
+    const double back = squared_line_distance(F.transpose(), m.second, m.first);
     model.score += credit(there / (m.second_scale * m.second_scale), kChi2Line) +
                    credit(back / (m.first_scale * m.first_scale), kChi2Line);
   }
   return model;
 }
 
-bool TwoViewProblem::is_explained(const Model& model, bool plane, const PixelMatch& m) const {
-  if (plane) {
-    const Vector2d there = (model.matrix * m.first.homogeneous()).hnormalized();
-    return (m.second - there).squaredNorm() < kChi2Pixel * m.second_scale * m.second_scale;
-  }
-  const Matrix3d F = K_.inverse().transpose() * model.matrix * K_.inverse();
-  return squared_line_distance(F * m.first.homogeneous(), m.second) <
-         kChi2Line * m.second_scale * m.second_scale;
-}
-
 std::vector<RigidTransform> TwoViewProblem::motions_of(const Model& model, bool plane) const {
   std::vector<RigidTransform> motions;
+  if (!model.found) return motions;
   cv::Mat matrix, K;
   cv::eigen2cv(model.matrix, matrix);
   cv::eigen2cv(K_, K);
@@ -175,83 +139,40 @@ std::vector<RigidTransform> TwoViewProblem::motions_of(const Model& model, bool 
   return motions;
 }
 
-Motion TwoViewProblem::judge(const RigidTransform& T_second_first,
-                             const std::vector<std::uint8_t>& counted) const {
-  Motion motion;
-  motion.T_second_first = T_second_first;
-  motion.points.resize(matches_.size());
-  TriangulationOptions tests;
-  tests.min_parallax_deg = options_.min_point_parallax_deg;
-  for (std::size_t i = 0; i < matches_.size(); ++i) {
-    if (counted[i] == 0) continue;
-    const PixelMatch& m = matches_[i];
-    motion.points[i] = triangulate(camera_, {RigidTransform(), m.first, m.first_scale},
-                                   {T_second_first, m.second, m.second_scale}, tests);
-    if (motion.points[i].ok()) {
-      ++motion.good;
-      if (motion.points[i].parallax_deg >= options_.min_parallax_deg) ++motion.wide;
-    } else if (motion.points[i].status == TriangulationStatus::kBehindCamera) {
-      ++motion.contrary;
-    }
-  }
-  return motion;
-}
-
 bool is_same(const RigidTransform& a, const RigidTransform& b) {
   const double between = std::atan2(a.t.cross(b.t).norm(), a.t.dot(b.t));
   return std::max(rotation_angle(a.R, b.R), between) < kSamePoseDeg * 3.14159265358979 / 180.0;
 }
 
+// The candidates that are supported at all compete after refinement: only there can the likelihoods
+// of two valleys be compared.
 TwoViewStatus TwoViewProblem::choose(const std::vector<RigidTransform>& candidates,
-                                     const std::vector<std::uint8_t>& counted, Motion& best) const {
-  std::vector<Motion> motions;
-  for (const RigidTransform& candidate : candidates) motions.push_back(judge(candidate, counted));
-  if (motions.empty()) return TwoViewStatus::kTooLittleParallax;
-  std::stable_sort(motions.begin(), motions.end(),
-                   [](const Motion& a, const Motion& b) { return a.good > b.good; });
-  best = motions.front();
-  const auto min_points = static_cast<std::size_t>(options_.min_points);
-  if (best.good < min_points) return TwoViewStatus::kTooLittleParallax;
-  for (std::size_t i = 1; i < motions.size(); ++i) {
-    if (is_same(motions[i].T_second_first, best.T_second_first)) continue;
-    const double share = static_cast<double>(motions[i].good) / static_cast<double>(best.good);
-    if (share >= options_.max_rival_share) return TwoViewStatus::kAmbiguous;
+                                     TwoViewMotion& best) const {
+  std::vector<TwoViewMotion> motions;
+  std::size_t most = 0;
+  for (const RigidTransform& candidate : candidates) {
+    motions.push_back(judge_motion(camera_, matches_, candidate, options_));
+    most = std::max(most, motions.back().good);
+  }
+  if (most < static_cast<std::size_t>(options_.min_points)) {
+    return TwoViewStatus::kTooLittleParallax;
+  }
+  std::vector<TwoViewMotion> refined;
+  for (const TwoViewMotion& motion : motions) {
+    if (motion.good < most / 2) continue;
+    refined.push_back(refine_motion(camera_, matches_, motion, options_));
+  }
+  std::stable_sort(
+      refined.begin(), refined.end(),
+      [](const TwoViewMotion& a, const TwoViewMotion& b) { return a.likelihood > b.likelihood; });
+  best = refined.front();
+  for (std::size_t i = 1; i < refined.size(); ++i) {
+    if (is_same(refined[i].T_second_first, best.T_second_first)) continue;
+    if (best.likelihood - refined[i].likelihood < options_.min_likelihood_gap) {
+      return TwoViewStatus::kAmbiguous;
+    }
   }
   return TwoViewStatus::kOk;
-}
-
-// Both views in a bundle, the first held. The scale is free, and set by the caller.
-bool TwoViewProblem::adjust(Motion& motion) const {
-  RigidTransform poses[] = {RigidTransform(), motion.T_second_first};
-  const std::uint8_t held[] = {1, 0};
-  std::vector<Vector3d> points;
-  std::vector<factors::BundleObservation> observations;
-  for (std::size_t i = 0; i < matches_.size(); ++i) {
-    if (!motion.points[i].ok()) continue;
-    factors::BundleObservation o;
-    o.point = static_cast<std::uint32_t>(points.size());
-    o.u = static_cast<float>(matches_[i].first.x());
-    o.v = static_cast<float>(matches_[i].first.y());
-    o.inverse_sigma = static_cast<float>(1.0 / matches_[i].first_scale);
-    observations.push_back(o);
-    o.keyframe = 1;
-    o.u = static_cast<float>(matches_[i].second.x());
-    o.v = static_cast<float>(matches_[i].second.y());
-    o.inverse_sigma = static_cast<float>(1.0 / matches_[i].second_scale);
-    observations.push_back(o);
-    points.push_back(motion.points[i].position);
-  }
-  factors::BundleProblem problem;
-  static_cast<PinholeCamera&>(problem.camera) = camera_;
-  problem.T_cam_world = poses;
-  problem.keyframe_fixed = held;
-  problem.points_world = points;
-  problem.observations = observations;
-  factors::BundleOptions options;
-  options.max_iterations = 20;
-  if (!factors::usable(factors::optimize_bundle(problem, options).status)) return false;
-  motion.T_second_first = poses[1];
-  return motion.T_second_first.all_finite() && motion.T_second_first.t.norm() > 1e-9;
 }
 
 void set_median_depth(TwoViewReconstruction& result) {
@@ -276,22 +197,20 @@ void TwoViewProblem::solve(TwoViewReconstruction& result) {
   result.homography_share = models[1].score / sum;
   const bool plane = !models[0].found || result.homography_share > options_.homography_share;
   result.model = plane ? TwoViewModel::kHomography : TwoViewModel::kEssential;
-  const Model& model = models[plane ? 1 : 0];
-  std::vector<std::uint8_t> counted;
-  for (const PixelMatch& match : matches_) counted.push_back(is_explained(model, plane, match));
-  if (static_cast<std::size_t>(std::count(counted.begin(), counted.end(), 1)) < min_points) return;
-
-  Motion motion;
-  result.status = choose(motions_of(model, plane), counted, motion);
+  std::vector<RigidTransform> candidates = motions_of(models[0], false);
+  if (plane) {
+    for (const RigidTransform& motion : motions_of(models[1], true)) candidates.push_back(motion);
+  }
+  TwoViewMotion motion;
+  result.status = choose(candidates, motion);
   if (!result.ok()) return;
   result.status = TwoViewStatus::kNoModel;
-  if (!adjust(motion)) return;
-  // The refined motion may explain matches that the sampled one did not.
-  motion = judge(motion.T_second_first, std::vector<std::uint8_t>(matches_.size(), 1));
-  const auto in_front = static_cast<double>(motion.good);
-  if (in_front < options_.min_front_share * static_cast<double>(motion.good + motion.contrary)) return;
+  const auto decided = static_cast<double>(motion.good + motion.contrary);
+  if (static_cast<double>(motion.good) < options_.min_front_share * decided) return;
   result.status = TwoViewStatus::kTooLittleParallax;
   if (motion.wide < min_points) return;
+  result.direction_deg = direction_uncertainty_deg(camera_, matches_, motion);
+  if (result.direction_deg > options_.max_direction_deg) return;
   result.status = TwoViewStatus::kOk;
   result.T_second_first = motion.T_second_first;
   result.count = motion.good;
@@ -338,7 +257,10 @@ void TwoViewOptions::validate() const {
           "a positive angle of at most min_parallax_deg");
   require(homography_share > 0.0 && homography_share < 1.0, kName, "homography_share",
           homography_share, "a share in (0, 1)");
-  share("max_rival_share", max_rival_share);
+  require(min_likelihood_gap >= 0.0, kName, "min_likelihood_gap", min_likelihood_gap,
+          "a number of at least 0");
+  require(max_direction_deg > 0.0, kName, "max_direction_deg", max_direction_deg,
+          "a positive angle in degrees");
   share("min_front_share", min_front_share);
   require(max_iterations >= 1, kName, "max_iterations", max_iterations, "at least 1");
 }

@@ -47,9 +47,12 @@ struct TwoViewOptions {
   /// The homography is taken when its share S_H / (S_H + S_E) of both models' scores is above
   /// this, (0, 1). Source: Mur-Artal et al. 2015, section IV.
   double homography_share = 0.45;
-  /// A motion is clear when the next best, if it is another one, has less than this share of its
-  /// points, (0, 1]. Engineering.
-  double max_rival_share = 0.75;
+  /// A motion is clear when its squared errors (over their variance, truncated at 95 %) sum to so
+  /// much less than those of any other, >= 0: twice the log of the likelihood ratio. Engineering.
+  double min_likelihood_gap = 25.0;
+  /// Largest standard deviation of the direction of translation, degrees, > 0: a small step across
+  /// the image and a small turn look alike. Engineering.
+  double max_direction_deg = 3.0;
   /// Share of a model's matches with enough parallax that must lie in front of both cameras under
   /// the motion, (0, 1]. Engineering.
   double min_front_share = 0.75;
@@ -65,10 +68,11 @@ struct TwoViewReconstruction {
   TwoViewStatus status = TwoViewStatus::kTooFewMatches;
   TwoViewModel model = TwoViewModel::kEssential;  ///< that was decomposed
   double homography_share = 0.0;                  ///< S_H / (S_H + S_E)
-  RigidTransform T_second_first;                  ///< the median depth in the first camera is 1
-  std::vector<Eigen::Vector3d> points;            ///< of each match, in the first camera
-  std::vector<std::uint8_t> good;                 ///< of each match: 1 when its point is believed
-  std::size_t count = 0;                          ///< of good ones
+  double direction_deg = 0.0;           ///< standard deviation of the direction of translation
+  RigidTransform T_second_first;        ///< the median depth in the first camera is 1
+  std::vector<Eigen::Vector3d> points;  ///< of each match, in the first camera
+  std::vector<std::uint8_t> good;       ///< of each match: 1 when its point is believed
+  std::size_t count = 0;                ///< of good ones
 
   bool ok() const { return status == TwoViewStatus::kOk; }
 };
@@ -79,17 +83,17 @@ struct TwoViewReconstruction {
 /// errors, each truncated at 95 % and counted as Gamma - s (Gamma = 5.991); the winner is
 /// decomposed into at most four motions. A motion is judged by the points that it puts in front of
 /// both cameras with small errors and enough parallax; it must be clear, and have
-/// TwoViewOptions::min_points of them. The winner is refined by bundle adjustment of both views, and
-/// points that then fail the tests of `triangulate` are dropped. `scales`: side of each match's
+/// TwoViewOptions::min_points of them. The winner is refined by bundle adjustment of both views,
+/// and points that then fail the tests of `triangulate` are dropped. `scales`: side of each match's
 /// pyramid level in the first and the second image, its standard deviation in pixels; empty: 1.
 ///
 /// Anything but kOk leaves `points`, `good` and the motion without meaning. Columns with NaN never
 /// take part. Throws InvalidArgument for an invalid camera or options and for sizes that differ.
 /// O(iterations * matches), allocates. Thread-safe, deterministic.
 /// Source: Mur-Artal, Montiel, Tardos, "ORB-SLAM: a versatile and accurate monocular SLAM system",
-/// T-RO 2015, section IV. Departures: the calibrated essential matrix by five points in place of the
-/// fundamental by eight, one rule for the motions of both models, bundle adjustment before the last
-/// tests.
+/// T-RO 2015, section IV. Departures: the calibrated essential matrix by five points in place of
+/// the fundamental by eight, one rule for the motions of both models, bundle adjustment before the
+/// last tests.
 TwoViewReconstruction reconstruct_two_views(const PinholeCamera& camera, const Points2d& first,
                                             const Points2d& second,
                                             Span<const float> first_scales = {},
