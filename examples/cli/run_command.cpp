@@ -81,6 +81,7 @@ void note_absent_parts(const RunFlags& flags) {
 }
 
 int run(Flags flags) {
+  flags.input.stereo = flags.run.sensor == slam::to_string(slam::Sensor::kStereo);
   std::unique_ptr<dataset::Sequence> sequence = open_sequence(flags.input);
   prepare_output(flags.out);
   note_absent_parts(flags.run);

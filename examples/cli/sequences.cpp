@@ -12,6 +12,8 @@
 namespace dynslam::cli {
 namespace {
 
+constexpr double kSceneBaseline = 0.12;  // metres, as in common stereo cameras
+
 std::vector<double> parse_numbers(const std::string& flag, const std::string& text,
                                   char separator) {
   std::vector<double> numbers;
@@ -68,6 +70,7 @@ Range parse_range(const std::string& text) {
 std::unique_ptr<dataset::Sequence> open_scene(const SequenceFlags& flags, const Range& range) {
   dataset::SceneOptions options;
   options.seed = flags.seed;
+  if (flags.stereo) options.stereo_baseline = kSceneBaseline;
   if (range.last != std::numeric_limits<std::size_t>::max()) options.frames = range.last;
   return dataset::make_scene(flags.scene, options);
 }

@@ -18,6 +18,7 @@ struct SequenceFlags {
   double depth_scale = 0.0;  ///< 0: the folder's
   std::string frames;        ///< "FIRST:LAST"; empty: all
   std::uint64_t seed = 1;    ///< of a rendered scene
+  bool stereo = false;       ///< render a scene for two cameras
 
   void add_to(CLI::App& command);
   /// Only those that say how to read: --camera, --depth-scale, --frames, --seed.

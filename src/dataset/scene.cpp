@@ -43,6 +43,8 @@ void SceneOptions::validate() const {
   require(mover_speed >= 0.0 && mover_speed <= 3.0, kName, "mover_speed", mover_speed, "0 to 3");
   require(exposure_time >= 0.0 && exposure_time <= 1.0 / fps, kName, "exposure_time", exposure_time,
           "0 to 1 / fps seconds");
+  require(stereo_baseline >= 0.0 && stereo_baseline <= 2.0, kName, "stereo_baseline",
+          stereo_baseline, "0 to 2 metres");
   require(threads >= 1 && threads <= 64, kName, "threads", threads, "1 to 64");
 }
 
@@ -78,7 +80,9 @@ struct RenderedScene::Impl {
 
   /// The options are valid.
   Impl(const SceneOptions& o, std::shared_ptr<const Room> r)
-      : options(o), room(std::move(r)), world(room->world), motion(o) {}
+      : options(o), room(std::move(r)), world(room->world), motion(o) {
+    if (o.stereo_baseline > 0.0) options.camera.bf = o.stereo_baseline * o.camera.fx;
+  }
 
   double time(std::size_t index) const { return static_cast<double>(index) / options.fps; }
 
@@ -114,10 +118,10 @@ struct RenderedScene::Impl {
   }
 
   /// Motion of every body relative to the camera during the exposure around t.
-  std::vector<Vector6d> exposure_motion(double t) const {
+  std::vector<Vector6d> exposure_motion(double t, const RigidTransform& T_left_cam) const {
     const double half = 0.5 * options.exposure_time;
-    const RigidTransform C0 = motion.T_world_cam(t - half).inverse();
-    const RigidTransform C1 = motion.T_world_cam(t + half).inverse();
+    const RigidTransform C0 = (motion.T_world_cam(t - half) * T_left_cam).inverse();
+    const RigidTransform C1 = (motion.T_world_cam(t + half) * T_left_cam).inverse();
     const BodyPoses B0 = motion.T_world_body(t - half), B1 = motion.T_world_body(t + half);
     std::vector<Vector6d> twists;
     twists.reserve(scene::kBodies);
@@ -127,9 +131,10 @@ struct RenderedScene::Impl {
     return twists;
   }
 
-  scene::Exposure exposure(std::size_t index) const {
+  scene::Exposure exposure(std::size_t index, const RigidTransform& T_left_cam) const {
     scene::Exposure e;
-    e.seed = scene::mix(options.seed, 77, index);
+    const bool right = T_left_cam.t.x() != 0.0;
+    e.seed = scene::mix(options.seed, right ? 80 : 77, index);  // noise of its own
     e.noise = options.image_noise;
     const double t = time(index);
     if (options.exposure_drift) {
@@ -138,8 +143,23 @@ struct RenderedScene::Impl {
       const scene::Wave quick{0.05, 0.23, random.uniform(0.0, 6.28)};
       e.gain = static_cast<float>(1.0 + slow.at(t) + quick.at(t));
     }
-    if (options.motion_blur && options.exposure_time > 0.0) e.motion = exposure_motion(t);
+    if (options.motion_blur && options.exposure_time > 0.0)
+      e.motion = exposure_motion(t, T_left_cam);
     return e;
+  }
+
+  /// Image of a camera at T_left_cam; `work` then holds what its rays met.
+  cv::Mat photograph(std::size_t index, const RigidTransform& T_left_cam,
+                     scene::Workspace& work) const {
+    const RigidTransform T_world_cam = motion.T_world_cam(time(index)) * T_left_cam;
+    const BodyPoses bodies = motion.T_world_body(time(index));
+    const scene::View seen = view(T_world_cam, bodies);
+    const scene::Shader shader(world, room->look(), seen, T_world_cam, bodies, options.movers);
+    scene::trace_frame(seen, options.threads, work);
+    scene::shade_frame(seen, shader, options.threads, work);
+    cv::Mat image;
+    scene::expose_frame(world, seen, exposure(index, T_left_cam), options.threads, work, &image);
+    return image;
   }
 
   cv::Mat mask_of(const scene::Workspace& work) const {
@@ -235,24 +255,23 @@ RigidTransform RenderedScene::T_world_surface(int surface, std::size_t index) co
 Frame RenderedScene::render(std::size_t index) const {
   const Impl& impl = *impl_;
   const SceneOptions& o = impl.options;
-  const RigidTransform T_world_cam = this->T_world_cam(index);
-  const BodyPoses bodies = impl.motion.T_world_body(impl.time(index));
-  const scene::View view = impl.view(T_world_cam, bodies);
-  const scene::Shader shader(impl.world, impl.room->look(), view, T_world_cam, bodies, o.movers);
   const Impl::Loan loan(impl);
   scene::Workspace& work = *loan;
-  scene::trace_frame(view, o.threads, work);
-  scene::shade_frame(view, shader, o.threads, work);
+  const bool stereo = o.stereo_baseline > 0.0;
 
   Frame frame;
   frame.index = index;
   frame.timestamp = timestamp(index);
   frame.name = frame_name(index);
-  frame.T_world_cam = T_world_cam;
-  scene::expose_frame(impl.world, view, impl.exposure(index), o.threads, work, &frame.color);
-  if (o.depth_noise) {
+  frame.T_world_cam = T_world_cam(index);
+  if (stereo) {
+    const RigidTransform T_left_right(Eigen::Matrix3d::Identity(), {o.stereo_baseline, 0.0, 0.0});
+    frame.right = impl.photograph(index, T_left_right, work);
+  }
+  frame.color = impl.photograph(index, RigidTransform(), work);
+  if (!stereo && o.depth_noise) {
     scene::sense_depth(o.camera, scene::mix(o.seed, 79, index), o.threads, work, &frame.depth);
-  } else {
+  } else if (!stereo) {
     frame.depth = Impl::depth_of(work);
   }
   frame.mask = impl.mask_of(work);

@@ -34,7 +34,9 @@ class SceneSequence final : public Sequence {
     return scene_.render(index);
   }
   DepthCamera camera() const override { return scene_.camera(); }
-  SensorKind sensor() const override { return SensorKind::kRgbd; }
+  SensorKind sensor() const override {
+    return scene_.options().stereo_baseline > 0.0 ? SensorKind::kStereo : SensorKind::kRgbd;
+  }
   double fps() const override { return scene_.options().fps; }
   const Trajectory& truth() const override { return truth_; }
 

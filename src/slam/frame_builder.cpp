@@ -33,7 +33,12 @@ FrameBuilder::FrameBuilder(const DepthCamera& camera, const SystemOptions& optio
     : camera_(camera),
       sensor_(options.sensor),
       max_depth_(options.tracking.max_depth),
-      extractor_(options.tracking.orb) {}
+      max_stereo_depth_(options.tracking.max_depth_baselines * camera.baseline()),
+      extractor_(options.tracking.orb) {
+  if (sensor_ == Sensor::kStereo) {
+    stereo_.emplace(camera, options.tracking.orb, options.tracking.stereo);
+  }
+}
 
 void FrameBuilder::require_valid(const FrameInput& frame) const {
   const auto fits = [&](const cv::Mat& image) {
@@ -47,6 +52,9 @@ void FrameBuilder::require_valid(const FrameInput& frame) const {
   check("image", frame.image, frame.image.type() == CV_8UC3 || frame.image.type() == CV_8UC1,
         "CV_8UC3 or CV_8UC1");
   if (!frame.depth.empty()) check("depth", frame.depth, frame.depth.type() == CV_32FC1, "CV_32FC1");
+  if (sensor_ == Sensor::kStereo) {
+    check("right", frame.right, frame.right.type() == frame.image.type(), "of the image's type");
+  }
   if (!frame.mask.empty()) check("mask", frame.mask, frame.mask.type() == CV_8UC1, "CV_8UC1");
 }
 
@@ -72,7 +80,10 @@ FrameFeaturesPtr FrameBuilder::build(const FrameInput& frame) {
     features->colors[i] =
         frame.image.channels() == 3 ? frame.image.at<cv::Vec3b>(at) : cv::Vec3b(gray, gray, gray);
   }
-  add_depth(sensor_ == Sensor::kRgbd ? frame.depth : cv::Mat(), *features);
+  features->depths.assign(features->size(), 0.0F);
+  features->right_columns.assign(features->size(), std::numeric_limits<float>::quiet_NaN());
+  if (sensor_ == Sensor::kRgbd && !frame.depth.empty()) add_depth(frame.depth, *features);
+  if (sensor_ == Sensor::kStereo) add_stereo(frame.right, *features);
   cv::resize(gray_, gray_cells_, gray_.size() / kSurfaceCell, 0, 0, cv::INTER_AREA);
   return features;
 }
@@ -87,9 +98,6 @@ void FrameBuilder::copy_depth(const FrameInput& frame, cv::Mat& depth) const {
 }
 
 void FrameBuilder::add_depth(const cv::Mat& depth, FrameFeatures& features) const {
-  features.depths.assign(features.size(), 0.0F);
-  features.right_columns.assign(features.size(), std::numeric_limits<float>::quiet_NaN());
-  if (depth.empty()) return;
   for (std::size_t i = 0; i < features.size(); ++i) {
     const cv::Point2f pt = features.keypoints[i].pt;
     const int x = std::min(static_cast<int>(std::lround(pt.x)), camera_.width - 1);
@@ -98,6 +106,22 @@ void FrameBuilder::add_depth(const cv::Mat& depth, FrameFeatures& features) cons
     if (!(z > static_cast<float>(kMinDepth) && z <= static_cast<float>(max_depth_))) continue;
     features.depths[i] = z;
     features.right_columns[i] = static_cast<float>(camera_.right_column(pt.x, z));
+  }
+}
+
+void FrameBuilder::add_stereo(const cv::Mat& right, FrameFeatures& features) {
+  if (right.channels() == 3) {
+    cv::cvtColor(right, right_gray_, cv::COLOR_BGR2GRAY);
+  } else {
+    right_gray_ = right;
+  }
+  stereo_->match(as_view<const std::uint8_t>(gray_), as_view<const std::uint8_t>(right_gray_),
+                 features.keypoints, features.descriptors_view(), features.right_columns);
+  right_gray_.release();
+  for (std::size_t i = 0; i < features.size(); ++i) {
+    const double disparity = features.keypoints[i].pt.x - features.right_columns[i];
+    const double z = camera_.bf / disparity;
+    if (z <= max_stereo_depth_) features.depths[i] = static_cast<float>(z);  // NaN: no
   }
 }
 

@@ -1,10 +1,16 @@
 // From an image to the features that the system works on.
 #pragma once
 
+#include <optional>
+#include <vector>
+
+#include <opencv2/core/mat.hpp>
+
 #include "dynslam/core/camera.hpp"
 #include "dynslam/features/orb.hpp"
 #include "dynslam/slam/frame.hpp"
 #include "dynslam/slam/options.hpp"
+#include "dynslam/slam/stereo_matcher.hpp"
 
 namespace dynslam::slam {
 
@@ -12,7 +18,8 @@ class FrameBuilder {
  public:
   FrameBuilder(const DepthCamera& camera, const SystemOptions& options);
 
-  /// Throws InvalidArgument if image, depth or mask are not what FrameInput says.
+  /// Throws InvalidArgument if an image is not what FrameInput says, or if it lacks what the sensor
+  /// must give.
   void require_valid(const FrameInput& frame) const;
 
   FrameFeaturesPtr build(const FrameInput& frame);
@@ -29,12 +36,15 @@ class FrameBuilder {
 
  private:
   void add_depth(const cv::Mat& depth, FrameFeatures& features) const;
+  void add_stereo(const cv::Mat& right, FrameFeatures& features);
 
   DepthCamera camera_;
   Sensor sensor_;
   double max_depth_;
+  double max_stereo_depth_;
   features::OrbExtractor extractor_;
-  cv::Mat gray_, gray_cells_;
+  std::optional<StereoMatcher> stereo_;
+  cv::Mat gray_, gray_cells_, right_gray_;
 };
 
 }  // namespace dynslam::slam

@@ -13,7 +13,7 @@ namespace {
 
 constexpr double kMinBaselineShare = 0.01;  // of the median depth: less gives no depth
 constexpr int kMaxDistance = 50;            // bits
-constexpr float kRatio = 0.85F;             // of the next best along the line
+constexpr float kRatio = 0.8F;              // of the next best along the line
 constexpr float kChi2Line = 3.841F;         // 95 % of chi^2, 1 degree of freedom
 constexpr int kMaxOctaveGap = 1;
 constexpr double kEpipoleRadius = 10.0;  // pixels: where a line has no direction

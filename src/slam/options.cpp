@@ -20,6 +20,9 @@ void TrackingOptions::validate() const {
   constexpr const char* kName = "TrackingOptions";
   orb.validate();
   require(max_depth > 0.0, kName, "max_depth", max_depth, "a positive number of metres");
+  require(max_depth_baselines > 0.0, kName, "max_depth_baselines", max_depth_baselines,
+          "a positive number");
+  stereo.validate();
   require(virtual_baseline >= 0.0, kName, "virtual_baseline", virtual_baseline,
           "a number of metres, or 0");
   require(frame_radius > 0.0, kName, "frame_radius", frame_radius, "a positive number of pixels");
@@ -34,6 +37,8 @@ void MappingOptions::validate() const {
   constexpr const char* kName = "MappingOptions";
   require(keyframe_share > 0.0 && keyframe_share <= 1.0, kName, "keyframe_share", keyframe_share,
           "a share in (0, 1]");
+  require(mono_keyframe_share > 0.0 && mono_keyframe_share <= 1.0, kName, "mono_keyframe_share",
+          mono_keyframe_share, "a share in (0, 1]");
   require(max_frames >= 1, kName, "max_frames", max_frames, "at least 1");
   require(min_frames >= 0, kName, "min_frames", min_frames, "at least 0");
   require(bundle_keyframes >= 1, kName, "bundle_keyframes", bundle_keyframes, "at least 1");

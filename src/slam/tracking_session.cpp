@@ -163,8 +163,9 @@ bool TrackingSession::wants_keyframe(int inliers) const {
   for (std::size_t i = 0; i < current_.points.size(); ++i) {
     if (current_.points[i] == kNoId && current_.features->depths[i] > 0.0F) ++spare;
   }
-  return inliers < options_.mapping.keyframe_share * reference_points ||
-         (inliers < kWantedPoints && spare > kSparePoints);
+  const double share = options_.sensor == Sensor::kMono ? options_.mapping.mono_keyframe_share
+                                                        : options_.mapping.keyframe_share;
+  return inliers < share * reference_points || (inliers < kWantedPoints && spare > kSparePoints);
 }
 
 void TrackingSession::make_keyframe(FrameResult& result, TrackingLock& lock) {

@@ -61,6 +61,9 @@ struct SceneOptions {
   /// Threads that `render` and `Sequence::read` may start, 1 to 64. The result does not depend on
   /// it.
   int threads = 1;
+  /// Metres, 0 to 2. Above 0 the scene is a rectified stereo pair instead of a depth camera: frames
+  /// hold the image of a second camera so far to the right and no depth, and `camera.bf` follows.
+  double stereo_baseline = 0.0;
 
   /// Throws InvalidArgument naming the member that breaks its rule.
   void validate() const;
@@ -125,7 +128,7 @@ class RenderedScene {
   /// Number of surfaces; SceneTruth::surface is less.
   int surfaces() const;
 
-  /// Renders a frame: colour, depth, mask, pose.
+  /// Renders a frame: colour, depth (or right image), mask, pose.
   ///
   /// Colour: ray casting at the pixel centres, four samples a pixel where surfaces meet, mip-mapped
   /// textures, light from the ceiling, gamma 2.2; blurred along the exact image motion (tiles of 16
@@ -170,7 +173,8 @@ class RenderedScene {
 /// Names that `make_scene` knows: "room_walking", "room_still".
 std::vector<std::string> scene_names();
 
-/// A rendered scene as a sequence (SensorKind::kRgbd) with truth at every frame. "room_walking"
+/// A rendered scene as a sequence with truth at every frame: SensorKind::kRgbd, or kStereo with a
+/// `stereo_baseline`. "room_walking"
 /// takes `options` as they are; "room_still" is the same room, light and camera path without
 /// movers. Throws InvalidArgument for another name, naming those there are, and through
 /// `options.validate()`.

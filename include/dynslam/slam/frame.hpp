@@ -29,8 +29,8 @@ struct FrameInput {
 struct FrameFeatures {
   std::vector<cv::KeyPoint> keypoints;  ///< N, level-0 pixels
   cv::Mat descriptors;                  ///< N x 32, CV_8U
-  std::vector<float> depths;            ///< N, metres; 0 where there is none
-  std::vector<float> right_columns;     ///< N, u - bf / z; NaN where there is no depth
+  std::vector<float> depths;            ///< N, metres; 0 where there is none to build on
+  std::vector<float> right_columns;     ///< N, u - bf / z; NaN where that is unknown
   std::vector<cv::Vec3b> colors;        ///< N, BGR
   features::KeypointGrid grid;          ///< over the key points
   float masked_share = 0.0F;            ///< share of the image under the mask, 0..1

@@ -6,6 +6,7 @@
 #include "dynslam/factors/pose_optimizer.hpp"
 #include "dynslam/features/orb.hpp"
 #include "dynslam/slam/loop_options.hpp"
+#include "dynslam/slam/stereo_matcher.hpp"
 
 namespace dynslam::slam {
 
@@ -23,13 +24,18 @@ const char* to_string(Sensor sensor);
 struct TrackingOptions {
   /// Features of each image.
   features::OrbOptions orb;
-  /// Depths beyond this are not used, metres, > 0. Engineering: Kinect's noise grows with the
-  /// square of the distance (6 cm at 6 m).
+  /// Sensor::kRgbd: depths beyond this are not used, metres, > 0. Engineering: Kinect's noise grows
+  /// with the square of the distance (6 cm at 6 m).
   double max_depth = 6.0;
-  /// Baseline of the right camera that stands for measured depth, metres, >= 0; 0 takes the
-  /// camera's own bf. The longer, the more depth weighs against pixels. Engineering: at 0.23 m the
-  /// depth noise of a Kinect is worth about 0.2 pixels at all its distances, which leaves room for
-  /// what its model omits (edges, registration).
+  /// Sensor::kStereo: points farther than this many baselines are not made from one frame, > 0;
+  /// their disparity still counts in pose and bundle. Source: Mur-Artal, Tardos 2017 (40).
+  double max_depth_baselines = 40.0;
+  /// Sensor::kStereo: matching of the two images.
+  StereoOptions stereo;
+  /// Sensor::kRgbd: baseline of the right camera that stands for measured depth, metres, >= 0; 0
+  /// takes the camera's own bf. The longer, the more depth weighs against pixels. Engineering: at
+  /// 0.23 m the depth noise of a Kinect is worth about 0.2 pixels at all its distances, which
+  /// leaves room for what its model omits (edges, registration).
   double virtual_baseline = 0.23;
   /// Half side of the search window around a point predicted from the last frame, pixels at the
   /// finest level, > 0; doubled once when too little is found. Engineering.
@@ -53,6 +59,9 @@ struct MappingOptions {
   /// A keyframe is made when fewer than this share of the points that the reference keyframe shows
   /// is found again, (0, 1]. Engineering.
   double keyframe_share = 0.80;
+  /// The same with Sensor::kMono, (0, 1]: new points need two keyframes there. Engineering (field's
+  /// habit: 0.9).
+  double mono_keyframe_share = 0.90;
   /// Most frames between keyframes, >= 1 (field's habit: one second).
   int max_frames = 15;
   /// Fewest frames between keyframes, >= 0.
