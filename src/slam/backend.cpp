@@ -22,7 +22,8 @@ Backend::Backend(const DepthCamera& camera, const SystemOptions& options,
     closer_ =
         std::make_unique<LoopCloser>(camera, options, scale_factors, std::move(vocabulary), shared);
   }
-  if (options.threading == Threading::kSequential) return;
+  // A single camera's tracking lives on the points of the last keyframe: it has to wait for them.
+  if (options.threading == Threading::kSequential || options.sensor == Sensor::kMono) return;
   if (closer_ != nullptr) {
     loops_ = std::make_unique<Worker>([this](KeyframeId id) { look_for_loop(id); }, kLoopQueue);
   }

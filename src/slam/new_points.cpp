@@ -15,6 +15,7 @@ constexpr double kMinBaselineShare = 0.01;  // of the median depth: less gives n
 constexpr int kMaxDistance = 50;            // bits
 constexpr float kRatio = 0.8F;              // of the next best along the line
 constexpr float kChi2Line = 3.841F;         // 95 % of chi^2, 1 degree of freedom
+constexpr double kMinParallaxDeg = 1.5;     // surer than the least that is worth anything
 constexpr int kMaxOctaveGap = 1;
 constexpr double kEpipoleRadius = 10.0;  // pixels: where a line has no direction
 
@@ -23,6 +24,7 @@ constexpr double kEpipoleRadius = 10.0;  // pixels: where a line has no directio
 PointTriangulator::PointTriangulator(const PinholeCamera& camera,
                                      const std::vector<float>& scale_factors)
     : camera_(camera), scale_factors_(scale_factors) {
+  tests_.min_parallax_deg = kMinParallaxDeg;
   tests_.max_scale_factor = 1.5 * scale_factors[1];
 }
 
