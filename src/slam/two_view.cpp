@@ -21,7 +21,7 @@ using Eigen::Matrix3d;
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-constexpr double kSamePoseDeg = 1.5;  // motions nearer than this are one
+constexpr double kSamePoseDeg = 5.0;  // motions nearer than this are one
 constexpr double kConfidence = 0.9999;
 
 struct Model {

@@ -101,7 +101,7 @@ TwoViewMotion refine_motion(const PinholeCamera& camera, const std::vector<Pixel
   problem.points_world = points;
   problem.observations = observations;
   factors::BundleOptions bundle;
-  bundle.max_iterations = 20;
+  bundle.max_iterations = 30;
   if (!factors::usable(factors::optimize_bundle(problem, bundle).status)) return motion;
   RigidTransform T = poses[1];
   const double length = T.t.norm();

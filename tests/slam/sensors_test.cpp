@@ -163,7 +163,7 @@ TEST(StereoSystem, RefusesAFrameWithoutItsRightImage) {
 
 TEST(MonoSystem, FindsItsWayWithoutDepth) {
   const dataset::RenderedScene scene(scene_options(dataset::CameraMotion::kSideways, 0.0));
-  const Journey run(scene, Sensor::kMono, 30, 3);
+  const Journey run(scene, Sensor::kMono, 24, 6);
   ASSERT_LT(run.first_tracked, 15U);
   for (std::size_t i = 0; i < run.results.size(); ++i) {
     const FrameResult& result = run.results[i];
