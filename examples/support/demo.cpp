@@ -68,6 +68,7 @@ slam::FrameInput input_of(const dataset::Frame& frame, const cv::Mat& mask) {
   input.image = frame.color;
   input.depth = frame.depth;
   input.mask = mask;
+  input.right = frame.right;
   return input;
 }
 

@@ -66,7 +66,7 @@ struct TwoViewOptions {
 /// Result of reconstruct_two_views.
 struct TwoViewReconstruction {
   TwoViewStatus status = TwoViewStatus::kTooFewMatches;
-  TwoViewModel model = TwoViewModel::kEssential;  ///< that was decomposed
+  TwoViewModel model = TwoViewModel::kEssential;  ///< that won by score
   double homography_share = 0.0;                  ///< S_H / (S_H + S_E)
   double direction_deg = 0.0;           ///< standard deviation of the direction of translation
   RigidTransform T_second_first;        ///< the median depth in the first camera is 1
@@ -81,19 +81,21 @@ struct TwoViewReconstruction {
 ///
 /// A homography and an essential matrix are estimated by RANSAC and scored by their symmetric
 /// errors, each truncated at 95 % and counted as Gamma - s (Gamma = 5.991); the winner is
-/// decomposed into at most four motions. A motion is judged by the points that it puts in front of
-/// both cameras with small errors and enough parallax; it must be clear, and have
-/// TwoViewOptions::min_points of them. The winner is refined by bundle adjustment of both views,
-/// and points that then fail the tests of `triangulate` are dropped. `scales`: side of each match's
-/// pyramid level in the first and the second image, its standard deviation in pixels; empty: 1.
+/// decomposed into at most four motions (those of the essential matrix always compete). Each that
+/// is supported is refined by bundle adjustment of both views; then the likeliest must be clear of
+/// every other, put enough points in front of both cameras with enough parallax, and leave the
+/// direction of translation in little doubt. Points that fail the tests of `triangulate` are
+/// dropped. A plane that two motions explain is refused. `first_scales`, `second_scales`: side of
+/// each match's pyramid level in the first and the second image, its standard deviation in pixels;
+/// empty: 1.
 ///
 /// Anything but kOk leaves `points`, `good` and the motion without meaning. Columns with NaN never
 /// take part. Throws InvalidArgument for an invalid camera or options and for sizes that differ.
 /// O(iterations * matches), allocates. Thread-safe, deterministic.
 /// Source: Mur-Artal, Montiel, Tardos, "ORB-SLAM: a versatile and accurate monocular SLAM system",
 /// T-RO 2015, section IV. Departures: the calibrated essential matrix by five points in place of
-/// the fundamental by eight, one rule for the motions of both models, bundle adjustment before the
-/// last tests.
+/// the fundamental by eight, likelihoods after refinement in place of counts, the test of
+/// certainty.
 TwoViewReconstruction reconstruct_two_views(const PinholeCamera& camera, const Points2d& first,
                                             const Points2d& second,
                                             Span<const float> first_scales = {},
