@@ -11,7 +11,6 @@ namespace {
 
 constexpr int kCell = kSurfaceCell;
 constexpr float kJump = 0.04F;      // share of depth by which neighbours of a surface may differ
-constexpr double kMaxRms = 0.02;    // metres
 constexpr double kMinCosine = 0.7;  // between normals of partners
 constexpr double kMinCurvature = 4e-3;  // smallest over largest eigenvalue of the information
 constexpr int kMinPartners = 300;
@@ -173,14 +172,14 @@ void add_guess(const Matrix6d& information, const RigidTransform& T, const Rigid
 
 }  // namespace
 
-void build_surface_grid(const cv::Mat& depth, const cv::Mat& gray_cells, const cv::Mat& trust,
+void build_surface_grid(const cv::Mat& depth, const cv::Mat& gray_cells,
                         const PinholeCamera& camera, SurfaceGrid& grid) {
   grid.width = depth.cols / kCell;
   grid.height = depth.rows / kCell;
   const auto cells = static_cast<std::size_t>(grid.width) * static_cast<std::size_t>(grid.height);
   grid.points.assign(cells, Eigen::Vector3f::Zero());
   grid.normals.assign(cells, Eigen::Vector3f::Zero());
-  grid.trust = trust;
+  grid.trust.release();
   if (gray_cells.empty()) {
     grid.gray.release();
   } else {
@@ -211,7 +210,7 @@ std::optional<SurfaceAlignment> align_surfaces(const SurfaceGrid& from, const Su
   const int min_partners = kMinPartners / (options.step * options.step);
   NormalEquations last;
   for (const Round& round : kRounds) {
-    if (round.gate > options.first_gate) continue;
+    if (round.gate > options.first_gate || round.gate < options.last_gate) continue;
     for (int i = 0; i < round.iterations; ++i) {
       last = {};
       accumulate(from, to, camera, result.T_from_to, round.gate, options, last);
@@ -231,7 +230,7 @@ std::optional<SurfaceAlignment> align_surfaces(const SurfaceGrid& from, const Su
   result.information = last.H / std::max(1.0, last.chi2 / std::max(1e-9, last.trust));
   result.overlap = static_cast<double>(last.partners) / std::max(1, last.candidates);
   result.rms = std::sqrt(last.squares / last.partners);
-  if (result.overlap < options.min_overlap || result.rms > kMaxRms) return std::nullopt;
+  if (result.overlap < options.min_overlap || result.rms > options.max_rms) return std::nullopt;
   return result;
 }
 

@@ -25,17 +25,24 @@ struct SurfaceGrid {
   cv::Mat gray;                          ///< mean brightness of the cells, CV_32F; may be empty
 
   bool empty() const { return points.empty(); }
+  void clear() {
+    width = height = 0;
+    points.clear();
+    normals.clear();
+    trust.release();
+  }
 };
 
 /// Builds the grid of a depth image (CV_32FC1 metres, 0 or NaN = none) and of the brightness of its
-/// cells (CV_8UC1, width / 4 x height / 4; may be empty). `trust`: weight of each cell in an
-/// alignment with this grid, CV_32FC1 of the same size; empty: 1. O(pixels / 4).
-void build_surface_grid(const cv::Mat& depth, const cv::Mat& gray_cells, const cv::Mat& trust,
+/// cells (CV_8UC1, width / 4 x height / 4; may be empty); all cells have trust 1. O(pixels / 4).
+void build_surface_grid(const cv::Mat& depth, const cv::Mat& gray_cells,
                         const PinholeCamera& camera, SurfaceGrid& grid);
 
 /// How surfaces are aligned.
 struct AlignmentOptions {
   double first_gate = 0.30;     ///< metres between partners in the first round
+  double last_gate = 0.05;      ///< and in the last; 0.30, 0.12 and 0.05 are to be had
+  double max_rms = 0.02;        ///< metres that partners may be off in the end
   double min_overlap = 0.35;    ///< share of the points of `to` that must find a partner
   int step = 1;                 ///< every how many cells of `to` take part, in rows and columns
   bool use_brightness = false;  ///< compare the brightness of partners too, where both have it

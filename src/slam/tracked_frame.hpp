@@ -13,6 +13,8 @@
 #include "dynslam/slam/map.hpp"
 #include "dynslam/slam/system.hpp"
 
+#include "depth_alignment.hpp"
+
 namespace dynslam::slam {
 
 /// Features of a frame, its pose, and which map point each feature shows.
@@ -24,6 +26,7 @@ struct TrackedFrame {
   cv::Mat gray;                        ///< CV_8UC1
   cv::Mat gray_cells;                  ///< the image at a quarter of its size, CV_8UC1
   cv::Mat cell_trust;                  ///< MoverDetector::trust; may be empty
+  SurfaceGrid surface;                 ///< of depth and gray_cells once asked for
   std::vector<PointId> points;         ///< by feature; kNoId = none
   std::vector<std::uint8_t> moving;    ///< by feature: 1 when geometry says that it moves
   std::vector<float> staticness;       ///< by feature: what geometry believes, 0..1; NaN = no idea
@@ -34,6 +37,7 @@ struct TrackedFrame {
     features = std::move(new_features);
     timestamp = time;
     cell_trust.release();
+    surface.clear();
     points.assign(features->size(), kNoId);
     rejected.assign(features->size(), 0);
     previous.assign(features->size(), -1);

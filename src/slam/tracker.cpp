@@ -15,20 +15,28 @@
 
 #include "stopwatch.hpp"
 #include "visibility.hpp"
+#include "wide_alignment.hpp"
 
 namespace dynslam::slam {
 namespace {
 
 constexpr int kMinPnpInliers = 12;
+constexpr int kMinGuessInliers = 6;      // of a motion that dense alignment is to judge
 constexpr double kWeightMomentum = 0.5;  // share of the last frames in a point's weight
 // Errors of neighbouring depth pixels are not independent: a grid of thousands is worth dozens.
 constexpr double kAlignmentTrust = 0.01;
 
 constexpr double kGuessTranslation = 0.02;  // metres that the velocity may be off
 constexpr double kGuessRotation = 0.02;     // radians
+constexpr double kHandAcceleration = 1.0;   // m/s^2, by which it is off over longer steps
+constexpr double kWristAcceleration = 2.0;  // rad/s^2
+constexpr double kDepthBias = 0.01;         // metres that aligned depth is off as a whole
+constexpr double kTurnBias = 0.01;          // radians
 constexpr double kFarFromPrior = 16.8;  // squared Mahalanobis distance: 1 % of 6 degrees of freedom
 constexpr float kTrialWeight = 0.05F;   // of a point on trial beside one that is proven
 constexpr double kAgrees = 0.15;        // log-odds of standing still that a fitting match adds
+constexpr double kUsualStep = 0.1;      // seconds; the longer, the more it says
+constexpr double kMostSteps = 10.0;     // and at most as many times
 constexpr double kDisagrees = -1.0;     // and one that does not
 constexpr double kSurest = 4.0;         // most that is remembered
 
@@ -47,6 +55,29 @@ void Tracker::Predictions::resize(std::size_t n) {
   radii.assign(n, 0.0F);
   min_octaves.resize(n);
   max_octaves.resize(n);
+}
+
+void Tracker::MotionProblem::clear() {
+  world.clear();
+  pixels.clear();
+  depths.clear();
+  scales.clear();
+  weights.clear();
+  ages.clear();
+}
+
+void Tracker::MotionProblem::add(const Eigen::Vector3d& point, cv::Point2f pixel, float depth,
+                                 float scale, float weight, float age) {
+  world.push_back(point);
+  pixels.push_back(pixel);
+  depths.push_back(depth);
+  scales.push_back(scale);
+  weights.push_back(weight);
+  ages.push_back(age);
+}
+
+geometry::PoseProblem Tracker::MotionProblem::problem() const {
+  return {world, pixels, depths, scales, weights, ages};
 }
 
 Tracker::Tracker(const DepthCamera& camera, const SystemOptions& options,
@@ -139,33 +170,18 @@ int Tracker::optimize(TrackedFrame& frame, const std::vector<PointId>& ids) {
 
 void Tracker::keep_background(const Map& map, const geometry::DepthCheck& depth_check,
                               TrackedFrame& frame) {
-  motions_.world.clear();
-  motions_.pixels.clear();
-  motions_.depths.clear();
-  motions_.scales.clear();
-  motions_.weights.clear();
-  motions_.ages.clear();
+  motions_.clear();
   for (const PointMatch& match : matches_) {
     const cv::KeyPoint& keypoint = frame.features->keypoints[match.feature];
     const MapPoint* point = map.find_point(predictions_.ids[match.source]);
-    motions_.world.push_back(match.position);
-    motions_.pixels.push_back(keypoint.pt);
-    motions_.depths.push_back(frame.features->depths[match.feature]);
-    motions_.scales.push_back(scale_factors_[static_cast<std::size_t>(keypoint.octave)]);
-    motions_.weights.push_back(
-        std::max(2.0F * predictions_.weights[match.source] - 1.0F, kTrialWeight));
-    motions_.ages.push_back(
+    motions_.add(
+        match.position, keypoint.pt, frame.features->depths[match.feature],
+        scale_factors_[static_cast<std::size_t>(keypoint.octave)],
+        std::max(2.0F * predictions_.weights[match.source] - 1.0F, kTrialWeight),
         point == nullptr ? 0.0F : static_cast<float>(map.keyframes_made() - point->born_keyframe));
   }
-  geometry::PoseProblem problem;
-  problem.world = motions_.world;
-  problem.pixels = motions_.pixels;
-  problem.depths = motions_.depths;
-  problem.scales = motions_.scales;
-  problem.weights = motions_.weights;
-  problem.ages = motions_.ages;
   const geometry::PosePrior prior{frame.T_cam_world, 0.01, 0.02};
-  geometry::estimate_pose(camera_, problem, &prior, depth_check, {}, motions_.workspace,
+  geometry::estimate_pose(camera_, motions_.problem(), &prior, depth_check, {}, motions_.workspace,
                           motions_.result);
   if (!motions_.result.ok()) return;
   // What stood still and was aligned is the better witness when features say something far off.
@@ -225,13 +241,20 @@ void Tracker::set_prior(const TrackedFrame& last, const SurfaceAlignment& alignm
   prior_ = prior;
 }
 
-bool Tracker::align_depth(const TrackedFrame& last, const TrackedFrame& frame) {
+bool Tracker::build_surfaces(TrackedFrame& last, TrackedFrame& frame) const {
+  for (TrackedFrame* f : {&last, &frame}) {
+    if (f->depth.empty()) return false;
+    if (f->surface.empty()) build_surface_grid(f->depth, f->gray_cells, camera_, f->surface);
+  }
+  return true;
+}
+
+bool Tracker::align_depth(TrackedFrame& last, TrackedFrame& frame) {
   const ScopedTimer timer(times_.match);
-  if (last.depth.empty() || frame.depth.empty()) return false;
-  build_surface_grid(last.depth, {}, {}, camera_, last_surface_);
-  build_surface_grid(frame.depth, {}, {}, camera_, surface_);
+  if (!build_surfaces(last, frame)) return false;
+  last.surface.trust.release();
   for (const RigidTransform& guess : {velocity_.inverse(), RigidTransform()}) {
-    const auto alignment = align_surfaces(last_surface_, surface_, camera_, guess);
+    const auto alignment = align_surfaces(last.surface, frame.surface, camera_, guess);
     if (!alignment) continue;
     velocity_ = alignment->T_from_to.inverse();
     set_prior(last, *alignment);
@@ -241,24 +264,74 @@ bool Tracker::align_depth(const TrackedFrame& last, const TrackedFrame& frame) {
   return false;
 }
 
-void Tracker::align_background(const TrackedFrame& last, const TrackedFrame& frame) {
+void Tracker::guess_by_descriptors(const TrackedFrame& last, const TrackedFrame& frame,
+                                   std::vector<RigidTransform>& guesses) {
+  features::BruteForceOptions options;
+  options.max_distance = 64;
+  options.ratio = 0.8F;
+  options.cross_check = true;
+  features::match_brute_force(last.features->descriptors_view(), frame.features->descriptors_view(),
+                              options, found_);
+  motions_.clear();
+  for (const Match& match : found_) {
+    const auto source = static_cast<std::size_t>(match.query);
+    const auto feature = static_cast<std::size_t>(match.train);
+    const float depth = last.features->depths[source];
+    if (!(depth > 0.0F) || last.rejected[source] != 0) continue;
+    const cv::Point2f from = last.features->keypoints[source].pt;
+    const cv::KeyPoint& keypoint = frame.features->keypoints[feature];
+    motions_.add(camera_.unproject({from.x, from.y}, depth), keypoint.pt,
+                 frame.features->depths[feature],
+                 scale_factors_[static_cast<std::size_t>(keypoint.octave)], 0.5F, 0.0F);
+  }
+  geometry::RobustPoseOptions search;
+  search.min_inliers = kMinGuessInliers;
+  geometry::estimate_pose(camera_, motions_.problem(), nullptr, {}, search, motions_.workspace,
+                          motions_.result);
+  for (const auto& hypothesis : motions_.result.hypotheses) {
+    guesses.push_back(hypothesis.T_cam_world.inverse());
+  }
+}
+
+bool Tracker::align_wide_step(TrackedFrame& last, TrackedFrame& frame) {
   const ScopedTimer timer(times_.match);
-  if (last.depth.empty() || frame.depth.empty()) return;
-  build_surface_grid(last.depth, last.gray_cells, last.cell_trust, camera_, last_surface_);
-  build_surface_grid(frame.depth, frame.gray_cells, {}, camera_, surface_);
+  if (!build_surfaces(last, frame)) return false;
+  last.surface.trust = last.cell_trust;
+  std::vector<RigidTransform> guesses = {velocity_.inverse(), RigidTransform()};
+  guess_by_descriptors(last, frame, guesses);
+  const auto found = align_wide(last.surface, frame.surface, camera_, guesses);
+  if (!found) return false;
+  wide_step_ = true;
+  velocity_ = found->alignment.T_from_to.inverse();
+  SurfaceAlignment alignment = found->alignment;
+  Vector6d systematic;  // calibration, rolling shutter: what no number of cells averages out
+  systematic << Eigen::Vector3d::Constant(kDepthBias * kDepthBias),
+      Eigen::Vector3d::Constant(kTurnBias * kTurnBias);
+  const Matrix6d covariance =
+      (kAlignmentTrust * alignment.information).inverse() + Matrix6d(systematic.asDiagonal());
+  alignment.information = covariance.inverse() / kAlignmentTrust;
+  set_prior(last, alignment);
+  depth_aligned_ = true;
+  return true;
+}
+
+void Tracker::align_background(TrackedFrame& last, TrackedFrame& frame) {
+  const ScopedTimer timer(times_.match);
+  if (!build_surfaces(last, frame)) return;
+  last.surface.trust = last.cell_trust;
   AlignmentOptions options;
   options.first_gate = 0.12;
   options.min_overlap = 0.1;
   options.step = 2;
   options.use_brightness = true;
-  const double translation = kGuessTranslation * kGuessTranslation;
-  const double rotation = kGuessRotation * kGuessRotation;
+  const double translation = std::max(kGuessTranslation, kHandAcceleration * step_ * step_);
+  const double rotation = std::max(kGuessRotation, kWristAcceleration * step_ * step_);
   Vector6d certainty;
-  certainty << Eigen::Vector3d::Constant(1.0 / translation),
-      Eigen::Vector3d::Constant(1.0 / rotation);
+  certainty << Eigen::Vector3d::Constant(1.0 / (translation * translation)),
+      Eigen::Vector3d::Constant(1.0 / (rotation * rotation));
   options.guess_information = certainty.asDiagonal();
   const auto alignment =
-      align_surfaces(last_surface_, surface_, camera_, velocity_.inverse(), options);
+      align_surfaces(last.surface, frame.surface, camera_, velocity_.inverse(), options);
   if (!alignment) return;
   velocity_ = alignment->T_from_to.inverse();
   set_prior(last, *alignment);
@@ -328,11 +401,12 @@ void Tracker::prefer_proven() {
 void Tracker::remember_weights(Map& map, const TrackedFrame& frame) const {
   const Span<const float> weights = pose_.weights();
   const Span<const std::uint8_t> inliers = pose_.inliers();
+  const double agrees = kAgrees * std::clamp(step_ / kUsualStep, 1.0, kMostSteps);
   for (std::size_t i = 0; i < matches_.size(); ++i) {
     MapPoint& point = map.point(predictions_.ids[matches_[i].source]);
     if (geometry_) {
       const double seen = frame.staticness[matches_[i].feature];
-      const double odds = log_odds(point.static_weight) + (inliers[i] != 0 ? kAgrees : kDisagrees) +
+      const double odds = log_odds(point.static_weight) + (inliers[i] != 0 ? agrees : kDisagrees) +
                           (std::isnan(seen) ? 0.0 : std::clamp(0.3 * log_odds(seen), -0.5, 0.2));
       point.static_weight =
           static_cast<float>(1.0 / (1.0 + std::exp(-std::clamp(odds, -kSurest, kSurest))));

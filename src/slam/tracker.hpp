@@ -51,16 +51,26 @@ class Tracker {
 
   /// Aligns the depth images of two frames and expects the camera where that puts it: for frames
   /// with too few features. False if depth does not determine the motion.
-  bool align_depth(const TrackedFrame& last, const TrackedFrame& frame);
+  bool align_depth(TrackedFrame& last, TrackedFrame& frame);
+  /// The same for frames so far apart that the motion may be anything: many starts, among them
+  /// what the descriptors of both frames say. Tens of milliseconds.
+  bool align_wide_step(TrackedFrame& last, TrackedFrame& frame);
   /// Refines where the camera is expected by aligning what stood still in the last frame, shape and
   /// brightness; directions that these leave open stay as they were.
-  void align_background(const TrackedFrame& last, const TrackedFrame& frame);
+  void align_background(TrackedFrame& last, TrackedFrame& frame);
   /// Whether the pose of this frame rests on aligned depth.
   bool depth_aligned() const { return prior_.has_value(); }
-  /// Forgets what was aligned; call before each frame.
+  /// Whether that was done by align_wide_step, which may be off by a few pixels.
+  bool wide_step() const { return wide_step_; }
+  /// Begins a frame that comes `step` seconds after the last: nothing is aligned yet.
+  void begin_frame(double step) {
+    step_ = step;
+    forget_alignment();
+  }
+  /// Forgets what was aligned.
   void forget_alignment() {
     prior_.reset();
-    depth_aligned_ = false;
+    depth_aligned_ = wide_step_ = false;
   }
 
   void set_velocity(const RigidTransform& T_cam_last) { velocity_ = T_cam_last; }
@@ -84,6 +94,19 @@ class Tracker {
     void resize(std::size_t n);
   };
 
+  /// Matches as a problem of several motions.
+  struct MotionProblem {
+    std::vector<Eigen::Vector3d> world;
+    std::vector<cv::Point2f> pixels;
+    std::vector<float> depths, scales, weights, ages;
+    geometry::RobustPoseWorkspace workspace;
+    geometry::RobustPoseResult result;
+    void clear();
+    void add(const Eigen::Vector3d& point, cv::Point2f pixel, float depth, float scale,
+             float weight, float age);
+    geometry::PoseProblem problem() const;
+  };
+
   bool match_last_frame(const Map& map, const TrackedFrame& last, double radius,
                         TrackedFrame& frame, const geometry::DepthCheck& depth_check);
   /// Looks for several motions among `matches_` and keeps those matches that follow the
@@ -91,6 +114,11 @@ class Tracker {
   void keep_background(const Map& map, const geometry::DepthCheck& depth_check,
                        TrackedFrame& frame);
   void set_prior(const TrackedFrame& last, const SurfaceAlignment& alignment);
+  /// Builds the surfaces of both frames, unless they are there already; false without depth.
+  bool build_surfaces(TrackedFrame& last, TrackedFrame& frame) const;
+  /// Motions between two frames, T_last_cam, that many of their descriptors agree on.
+  void guess_by_descriptors(const TrackedFrame& last, const TrackedFrame& frame,
+                            std::vector<RigidTransform>& guesses);
   void predict_from_last(const Map& map, const TrackedFrame& last, double radius,
                          const RigidTransform& T_cam_world);
   void predict_from_map(const RigidTransform& T_cam_world, double radius);
@@ -114,21 +142,15 @@ class Tracker {
   LocalMap local_map_;
   RigidTransform velocity_;
   std::optional<factors::PosePrior> prior_;  // by aligned surfaces
-  bool depth_aligned_ = false;
+  double step_ = 0.0;                        // seconds since the last frame
+  bool depth_aligned_ = false, wide_step_ = false;
   TrackerTimes times_;
-  SurfaceGrid last_surface_, surface_;
   Predictions predictions_;
   std::vector<Match> found_;
   std::vector<PointMatch> matches_;
   std::vector<std::uint8_t> taken_, keep_;
   matching::Workspace rejection_;
-  struct {
-    std::vector<cv::Point2f> pixels;
-    std::vector<float> depths, scales, weights, ages;
-    std::vector<Eigen::Vector3d> world;
-    geometry::RobustPoseWorkspace workspace;
-    geometry::RobustPoseResult result;
-  } motions_;  // the matches as a problem of several motions
+  MotionProblem motions_;
 };
 
 }  // namespace dynslam::slam

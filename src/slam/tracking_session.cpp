@@ -10,6 +10,8 @@ namespace {
 
 constexpr int kMinFirstPoints = 100;              // features with depth that start a map
 constexpr double kMaxExtrapolation = 0.5;         // seconds over which a velocity is believed
+constexpr double kWideStep = 0.3;                 // beyond which it may be off by a decimetre
+constexpr double kMaxGuess = 1.5;                 // and up to which it is a guess among others
 constexpr std::size_t kRelocalizationTries = 12;  // keyframes compared with a lost frame
 constexpr double kRestartAfter = 1.0;  // seconds lost after which a map of few keyframes is dropped
 constexpr std::size_t kRestartKeyframes = 3;
@@ -78,23 +80,38 @@ bool TrackingSession::initialize(FrameResult& result, TrackingLock& lock) {
   return true;
 }
 
+// Where the camera is expected; true if that rests on the alignment of a wide step.
+bool TrackingSession::expect_motion(TrackingLock& lock) {
+  const double dt = current_.timestamp - last_.timestamp;
+  tracker_.forget_velocity();
+  tracker_.begin_frame(dt);
+  if (velocity_ && dt <= kMaxGuess) tracker_.set_velocity(se3_exp(dt * *velocity_));
+  if (dt > kWideStep) {
+    // Over a long step features may go astray unnoticed, so shape has the first word.
+    bool aligned = false;
+    without_map(lock, [&] { aligned = tracker_.align_wide_step(last_, current_); });
+    if (aligned) return true;
+    if (dt > kMaxExtrapolation) tracker_.forget_velocity();
+  }
+  if (options_.geometry && !current_.depth.empty()) {
+    without_map(lock, [this] { tracker_.align_background(last_, current_); });
+  }
+  return false;
+}
+
 // Tracks from the last frame. The map may have been corrected since, so its pose is read anew.
 bool TrackingSession::follow(TrackingLock& lock) {
   last_.T_cam_world = *shared_.log.last_pose(shared_.map);
-  const double dt = current_.timestamp - last_.timestamp;
-  tracker_.forget_velocity();
-  tracker_.forget_alignment();
-  if (velocity_ && dt <= kMaxExtrapolation) tracker_.set_velocity(se3_exp(dt * *velocity_));
   geometry::DepthCheck depth_check;
   if (options_.geometry && !current_.depth.empty()) {
     depth_check = [this](const RigidTransform& T_cam_world) {
       return movers_.static_share(current_.depth, T_cam_world, current_.timestamp);
     };
   }
-  if (depth_check) without_map(lock, [this] { tracker_.align_background(last_, current_); });
+  const bool wide = expect_motion(lock);
   const Map& map = shared_.map;
   if (tracker_.track_last_frame(map, last_, current_, depth_check)) return true;
-  if (tracker_.align_depth(last_, current_)) {
+  if (wide || tracker_.align_depth(last_, current_) || tracker_.align_wide_step(last_, current_)) {
     if (!tracker_.track_last_frame(map, last_, current_, depth_check)) {
       current_.reset(current_.features, current_.timestamp);
       current_.T_cam_world = tracker_.expected_pose(last_);
@@ -224,7 +241,8 @@ bool TrackingSession::locate(FrameResult& result, TrackingLock& lock) {
   }
   if (state_ != TrackingState::kLost && follow(lock)) {
     find_movers(result, lock);
-    result.inliers = tracker_.track_local_map(shared_.map, shared_.log.reference, current_, false);
+    result.inliers = tracker_.track_local_map(shared_.map, shared_.log.reference, current_,
+                                              tracker_.wide_step());
     if (result.inliers >= options_.tracking.min_inliers || tracker_.depth_aligned()) {
       result.depth_aligned = tracker_.depth_aligned();
       state_ = TrackingState::kTracked;

@@ -38,6 +38,7 @@ class TrackingSession {
   bool locate(FrameResult& result, TrackingLock& lock);
   bool initialize(FrameResult& result, TrackingLock& lock);
   bool initialize_mono(FrameResult& result);
+  bool expect_motion(TrackingLock& lock);
   bool follow(TrackingLock& lock);
   bool relocalize();
   std::vector<KeyframeId> relocalization_candidates();

@@ -68,6 +68,23 @@ TEST(System, TracksAStillRoomToAFewMillimetres) {
   EXPECT_GE(system.map().keyframe_count(), 2U);
 }
 
+TEST(System, TracksASlowCameraByTheShapeOfTheRoom) {
+  for (const bool geometry : {false, true}) {
+    SystemOptions options = make_system().options();
+    options.geometry = geometry;
+    System system(dataset::scene_camera(320, 240), options);
+    dataset::SceneOptions scene_options = small_scene();
+    scene_options.frames = 300;
+    const auto scene = dataset::make_scene("room_still", scene_options);
+    std::vector<dataset::Frame> frames;
+    for (std::size_t i = 0; i < scene->size(); i += 25) {  // 1.2 Hz
+      frames.push_back(scene->read(i));
+      EXPECT_EQ(system.track(input_of(frames.back())).state, TrackingState::kTracked) << i;
+    }
+    EXPECT_LT(ate(system, frames), 0.03);
+  }
+}
+
 TEST(System, MasksKeepWhatMovesOutOfThePose) {
   System masked = make_system();
   for (const dataset::Frame& frame : frames_of("room_walking")) masked.track(input_of(frame, true));
