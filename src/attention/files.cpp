@@ -24,24 +24,4 @@ std::vector<std::uint8_t> read_file(const std::string& path) {
   return bytes;
 }
 
-void write_file(const std::string& path, const std::string& bytes) {
-  const std::string beside = path + ".part";
-  std::error_code error;
-  {
-    std::ofstream stream(beside, std::ios::binary | std::ios::trunc);
-    stream.write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
-    stream.close();
-    if (!stream) {
-      std::filesystem::remove(beside, error);
-      throw_io_error(path, "cannot be written");
-    }
-  }
-  std::filesystem::rename(beside, path, error);
-  if (error) {
-    std::error_code ignored;
-    std::filesystem::remove(beside, ignored);
-    throw_io_error(path, "cannot be written: " + error.message());
-  }
-}
-
 }  // namespace dynslam::attention::detail

@@ -5,6 +5,8 @@
 #include <set>
 #include <utility>
 
+#include "dynslam/core/files.hpp"
+
 #include "attention/files.hpp"
 #include "attention/flat_layer.hpp"
 #include "attention/onnx_graph.hpp"
@@ -221,7 +223,7 @@ OnnxFusion fuse_onnx(Span<const std::uint8_t> bytes, const std::string& name) {
 OnnxFusion fuse_onnx_file(const std::string& input, const std::string& output) {
   const std::vector<std::uint8_t> bytes = detail::read_file(input);
   OnnxFusion fusion = fuse_onnx(bytes, input);
-  detail::write_file(output, fusion.bytes);
+  write_file_atomically(output, fusion.bytes);
   return fusion;
 }
 

@@ -2,47 +2,14 @@
 
 #include <algorithm>
 #include <cctype>
-#include <cerrno>
-#include <cstdio>
-#include <memory>
 #include <system_error>
 
-#if defined(__unix__) || defined(__APPLE__)
-#include <unistd.h>
-#endif
-
 #include "dynslam/core/errors.hpp"
+#include "dynslam/core/files.hpp"
 #include "dynslam/dataset/parsing.hpp"
 
 namespace dynslam::dataset::detail {
 namespace {
-
-struct Closer {
-  void operator()(std::FILE* file) const { std::fclose(file); }
-};
-using File = std::unique_ptr<std::FILE, Closer>;
-
-std::string reason(int error) {
-  return error == 0 ? "unknown reason" : std::generic_category().message(error);
-}
-
-// 0, or the number of what went wrong.
-int write_and_close(const fs::path& path, std::string_view content, bool durable) {
-  errno = 0;
-  File file(std::fopen(path.string().c_str(), "wb"));
-  if (!file) return errno;
-  bool good = std::fwrite(content.data(), 1, content.size(), file.get()) == content.size();
-  good = good && std::fflush(file.get()) == 0;
-#if defined(__unix__) || defined(__APPLE__)
-  if (durable) good = good && ::fsync(::fileno(file.get())) == 0;
-#else
-  static_cast<void>(durable);
-#endif
-  const int error = errno;
-  if (!good) return error == 0 ? EIO : error;
-  // A full disk may show itself only now.
-  return std::fclose(file.release()) == 0 ? 0 : (errno == 0 ? EIO : errno);
-}
 
 bool is_image_name(const fs::path& path) {
   std::string extension = path.extension().string();
@@ -60,34 +27,7 @@ std::string read_file(const fs::path& path) {
   const fs::file_status status = fs::status(path, error);
   if (!fs::exists(status)) throw_io_error(path.string(), "there is no such file");
   if (!fs::is_regular_file(status)) throw_io_error(path.string(), "is no regular file");
-  errno = 0;
-  const File file(std::fopen(path.string().c_str(), "rb"));
-  if (!file) throw_io_error(path.string(), "cannot be opened: " + reason(errno));
-  std::string content;
-  const std::uintmax_t size = fs::file_size(path, error);
-  if (!error) content.resize(static_cast<std::size_t>(size));
-  const std::size_t got = std::fread(content.data(), 1, content.size(), file.get());
-  if (std::ferror(file.get()) != 0) {
-    throw_io_error(path.string(), "cannot be read: " + reason(errno));
-  }
-  content.resize(got);
-  return content;
-}
-
-void write_file(const fs::path& path, std::string_view content, bool durable) {
-  fs::path temporary = path;
-  temporary += ".tmp";
-  std::error_code ignored;
-  if (const int error = write_and_close(temporary, content, durable)) {
-    fs::remove(temporary, ignored);
-    throw_io_error(path.string(), "cannot be written: " + reason(error));
-  }
-  std::error_code error;
-  fs::rename(temporary, path, error);
-  if (error) {
-    fs::remove(temporary, ignored);
-    throw_io_error(path.string(), "cannot be written: " + error.message());
-  }
+  return dynslam::read_file(path.string());
 }
 
 void make_folder(const fs::path& path) {

@@ -14,11 +14,6 @@ namespace fs = std::filesystem;
 /// Content of a regular file. Throws IoError.
 std::string read_file(const fs::path& path);
 
-/// Writes "path.tmp" and renames it to `path`, so that whoever sees `path` sees all of it. The
-/// content is forced to the disk before the renaming if `durable`. On failure (disk full included)
-/// throws IoError, removes the temporary file and leaves an older `path` alone.
-void write_file(const fs::path& path, std::string_view content, bool durable);
-
 /// Makes the folder and those above it. Throws IoError.
 void make_folder(const fs::path& path);
 

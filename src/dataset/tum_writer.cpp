@@ -10,6 +10,7 @@
 #include <opencv2/imgcodecs.hpp>
 
 #include "dynslam/core/errors.hpp"
+#include "dynslam/core/files.hpp"
 
 #include "dataset/files.hpp"
 
@@ -163,11 +164,11 @@ class TumWriter::Impl {
     }
     if (!good) throw_io_error(path.string(), "cannot be encoded as PNG");
     const auto* data = reinterpret_cast<const char*>(bytes.data());
-    detail::write_file(path, {data, bytes.size()}, false);
+    write_file_atomically(path.string(), {data, bytes.size()}, false);
   }
 
   void write_text(const char* file, const std::string& text) {
-    detail::write_file(folder_ / file, text, true);
+    write_file_atomically((folder_ / file).string(), text);
   }
 
   void remove(const fs::path& file) {

@@ -9,8 +9,8 @@
 #include <numeric>
 
 #include "dynslam/core/errors.hpp"
+#include "dynslam/core/files.hpp"
 
-#include "evaluation/file_io.hpp"
 #include "evaluation/gnuplot.hpp"
 #include "evaluation/text.hpp"
 

@@ -3,9 +3,9 @@
 #include <cmath>
 
 #include "dynslam/core/errors.hpp"
+#include "dynslam/core/files.hpp"
 #include "dynslam/core/version.hpp"
 
-#include "evaluation/file_io.hpp"
 #include "evaluation/report_parts.hpp"
 #include "evaluation/text.hpp"
 

@@ -11,8 +11,8 @@
 #include <Eigen/SVD>
 
 #include "dynslam/core/errors.hpp"
+#include "dynslam/core/files.hpp"
 
-#include "evaluation/file_io.hpp"
 #include "evaluation/trajectory_checks.hpp"
 
 namespace dynslam::evaluation {

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cerrno>
 #include <cstring>
+#include <utility>
 
 #include <sys/stat.h>
 #include <unistd.h>
@@ -90,49 +91,42 @@ std::size_t MemorySource::read(std::uint8_t* to, std::size_t size) {
   return got;
 }
 
-FileSink::FileSink(const std::string& path, Pack pack)
-    : path_(path), temporary_(path + ".part" + std::to_string(::getpid())) {
-  if (pack == Pack::kGzip) {
-    gzip_ = gzopen(temporary_.c_str(), "wb6");
-  } else {
-    file_ = std::fopen(temporary_.c_str(), "wb");
+FileSink::FileSink(const std::string& path, Pack pack) : file_(path) {
+  if (pack == Pack::kNo) return;
+  const int descriptor = ::dup(file_.descriptor());
+  if (descriptor < 0) file_.fail(errno);
+  gzip_ = gzdopen(descriptor, "wb6");
+  if (gzip_ == nullptr) {
+    ::close(descriptor);
+    file_.fail(ENOMEM);
   }
-  if (file_ == nullptr && gzip_ == nullptr) fail("cannot be written");
 }
 
 FileSink::~FileSink() {
-  if (file_ != nullptr) std::fclose(file_);
   if (gzip_ != nullptr) gzclose_w(static_cast<gzFile>(gzip_));
-  if (!temporary_.empty()) std::remove(temporary_.c_str());
-}
-
-void FileSink::fail(const char* what) const {
-  throw_io_error(path_, std::string(what) + ": " + std::strerror(errno));
 }
 
 void FileSink::write(const void* bytes, std::size_t size) {
-  const auto* at = static_cast<const std::uint8_t*>(bytes);
-  if (file_ != nullptr) {
-    if (std::fwrite(at, 1, size, file_) != size) fail("cannot be written");
+  if (gzip_ == nullptr) {
+    file_.write(bytes, size);
     return;
   }
+  const auto* at = static_cast<const std::uint8_t*>(bytes);
   while (size > 0) {
     const unsigned piece = static_cast<unsigned>(std::min<std::size_t>(size, 1U << 20));
     if (gzwrite(static_cast<gzFile>(gzip_), at, piece) != static_cast<int>(piece))
-      fail("cannot be written");
+      file_.fail(errno);
     at += piece;
     size -= piece;
   }
 }
 
 void FileSink::commit() {
-  const bool closed =
-      file_ != nullptr ? std::fclose(file_) == 0 : gzclose_w(static_cast<gzFile>(gzip_)) == Z_OK;
-  file_ = nullptr;
-  gzip_ = nullptr;
-  if (!closed) fail("cannot be written");
-  if (std::rename(temporary_.c_str(), path_.c_str()) != 0) fail("cannot be written");
-  temporary_.clear();
+  if (gzip_ != nullptr) {
+    const auto gzip = static_cast<gzFile>(std::exchange(gzip_, nullptr));
+    if (gzclose_w(gzip) != Z_OK) file_.fail(errno);
+  }
+  file_.commit();
 }
 
 }  // namespace dynslam::loop::detail

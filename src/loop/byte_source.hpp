@@ -9,6 +9,7 @@
 #include <string_view>
 #include <vector>
 
+#include "dynslam/core/files.hpp"
 #include "dynslam/core/span.hpp"
 
 namespace dynslam::loop::detail {
@@ -71,12 +72,11 @@ class MemorySource : public ByteSource {
   Span<const std::uint8_t> bytes_;
 };
 
-/// Writes a file beside its name and gives it the name when all is well.
+/// Writes a file, packed or not, that appears complete or not at all.
 class FileSink {
  public:
   enum class Pack { kNo, kGzip };
   explicit FileSink(const std::string& path, Pack pack = Pack::kNo);
-  /// Removes what was written unless it was committed.
   ~FileSink();
   FileSink(const FileSink&) = delete;
   FileSink& operator=(const FileSink&) = delete;
@@ -90,12 +90,7 @@ class FileSink {
   void commit();
 
  private:
-  [[noreturn]] void fail(const char* what) const;
-  void close();
-
-  std::string path_;
-  std::string temporary_;
-  std::FILE* file_ = nullptr;
+  AtomicFile file_;
   void* gzip_ = nullptr;
 };
 

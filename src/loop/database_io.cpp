@@ -13,7 +13,9 @@
 #include <cstring>
 #include <string>
 
+#include "dynslam/core/checksum.hpp"
 #include "dynslam/core/errors.hpp"
+#include "dynslam/core/files.hpp"
 #include "dynslam/loop/database.hpp"
 
 #include "database_state.hpp"
@@ -37,59 +39,9 @@ struct PageHead {
   std::uint32_t bytes, checksum;
 };
 
-// Multiplies and folds eight bytes at a time: against bit rot and cut files, not against forgery,
-// for which everything is checked besides.
-std::uint64_t checksum_of(const void* data, std::size_t bytes, std::uint64_t start = 0) {
-  constexpr std::uint64_t kPrime = 0x9E3779B97F4A7C15ULL;
-  const auto* at = static_cast<const std::uint8_t*>(data);
-  std::uint64_t sum = (start ^ bytes) * kPrime + 1;
-  while (bytes > 0) {
-    std::uint64_t part = 0;
-    const std::size_t n = std::min<std::size_t>(bytes, 8);
-    std::memcpy(&part, at, n);
-    sum = (sum ^ part) * kPrime;
-    sum ^= sum >> 29;
-    at += n;
-    bytes -= n;
-  }
-  return sum ^ (sum >> 32);
-}
-
 std::uint64_t head_checksum(const Head& head) {
-  return checksum_of(&head, offsetof(Head, checksum));
+  return checksum(&head, offsetof(Head, checksum));
 }
-
-/// A file that becomes visible under its name when it is complete.
-class FileSink {
- public:
-  explicit FileSink(std::string path) : path_(std::move(path)), part_(path_ + ".part") {
-    file_ = std::fopen(part_.c_str(), "wb");
-    if (file_ == nullptr) throw_io_error(part_, "cannot be written");
-  }
-  ~FileSink() {
-    if (file_ == nullptr) return;
-    std::fclose(file_);
-    std::remove(part_.c_str());
-  }
-  FileSink(const FileSink&) = delete;
-  FileSink& operator=(const FileSink&) = delete;
-  void write(const void* data, std::size_t bytes) {
-    if (bytes > 0 && std::fwrite(data, 1, bytes, file_) != bytes) fail();
-  }
-  void finish() {
-    std::FILE* const file = file_;
-    file_ = nullptr;
-    if (std::fclose(file) != 0 || std::rename(part_.c_str(), path_.c_str()) != 0) {
-      std::remove(part_.c_str());
-      throw_io_error(path_, "cannot be written");
-    }
-  }
-
- private:
-  [[noreturn]] void fail() { throw_io_error(part_, "cannot be written, is the disk full?"); }
-  std::string path_, part_;
-  std::FILE* file_ = nullptr;
-};
 
 struct MemorySink {
   std::vector<std::uint8_t> bytes;
@@ -146,7 +98,7 @@ void write_page(const PostingPage& page, Sink& sink) {
   const Span<const std::uint8_t> bytes = page.bytes();
   PageHead head;
   head.bytes = static_cast<std::uint32_t>(bytes.size());
-  head.checksum = static_cast<std::uint32_t>(checksum_of(bytes.data(), bytes.size()));
+  head.checksum = static_cast<std::uint32_t>(checksum(bytes.data(), bytes.size()));
   sink.write(&head, sizeof(head));
   sink.write(bytes.data(), bytes.size());
 }
@@ -191,7 +143,7 @@ void read_images(Source& source, State& state, std::size_t images) {
   std::uint64_t sum;
   source.read(&sum, sizeof(sum));
   if (sum !=
-      checksum_of(state.scales.data(), 4 * images, checksum_of(state.ids.data(), 8 * images)))
+      checksum(state.scales.data(), 4 * images, checksum(state.ids.data(), 8 * images)))
     refuse(source, "the checksum of the images is wrong");
   state.dead.assign(images, 0);
   state.slot_of.reserve(images);
@@ -216,7 +168,7 @@ void read_pages(Source& source, State& state) {
     if (head.bytes > source.remaining) refuse(source, where + "cut off");
     bytes.resize(head.bytes);
     source.read(bytes.data(), bytes.size());
-    if (head.checksum != static_cast<std::uint32_t>(checksum_of(bytes.data(), bytes.size())))
+    if (head.checksum != static_cast<std::uint32_t>(checksum(bytes.data(), bytes.size())))
       refuse(source, where + "the checksum is wrong");
     const bool last = p + 1 == state.pages.size();
     const std::size_t words =
@@ -253,8 +205,8 @@ void Database::State::write(Sink& sink) const {
   head.images = live_ids.size();
   head.scoring = static_cast<std::uint32_t>(scoring);
   head.checksum = head_checksum(head);
-  const std::uint64_t sum = checksum_of(live_scales.data(), 4 * live_scales.size(),
-                                        checksum_of(live_ids.data(), 8 * live_ids.size()));
+  const std::uint64_t sum = checksum(live_scales.data(), 4 * live_scales.size(),
+                                        checksum(live_ids.data(), 8 * live_ids.size()));
   sink.write(&head, sizeof(head));
   sink.write(live_ids.data(), 8 * live_ids.size());
   sink.write(live_scales.data(), 4 * live_scales.size());
@@ -278,12 +230,12 @@ std::unique_ptr<Database::State> Database::State::read(Source& source) {
 }
 
 void Database::save(const std::string& path) const {
-  FileSink sink(path);
+  AtomicFile file(path);
   {
     const ReaderLock lock(state_->gate, state_->guard);
-    state_->write(sink);
+    state_->write(file);
   }
-  sink.finish();
+  file.commit();
 }
 
 std::vector<std::uint8_t> Database::serialize() const {

@@ -55,7 +55,7 @@ for file in trajectory.txt keyframes.txt map.ply frames.csv summary.json report.
 done
 [[ $(grep -vc '^#' out/trajectory.txt) == 12 ]] || complain "12 poses"
 [[ $(wc -l <out/frames.csv) == 13 ]] || complain "12 rows and a header"
-[[ -z $(find out -name '*.tmp' -o -name '.dynslam*') ]] || complain "temporary files left"
+[[ -z $(find out -name '*.tmp*' -o -name '.dynslam*') ]] || complain "temporary files left"
 
 # The trajectory that was written is judged the same by `eval`.
 "$dynslam" eval ate scene/groundtruth.txt out/trajectory.txt --json >ate.json || complain "eval"
@@ -220,7 +220,7 @@ expect_failure 1 'model.onnx' run --tum scene --segmenter yolo-seg:model.onnx --
 : >file
 expect_failure 1 'file' run --tum scene --out file/x
 if [[ -c /dev/full ]]; then
-  mkdir full && ln -s /dev/full full/.dynslam-probe.tmp
+  mkdir full && ln -s /dev/full full/.dynslam-probe
   expect_failure 1 'full' run --tum scene --out full
 fi
 cp -r scene flat

@@ -6,43 +6,31 @@
 #include <cstring>
 #include <vector>
 
+#include "dynslam/core/checksum.hpp"
 #include "dynslam/core/errors.hpp"
 #include "dynslam/loop/database.hpp"
 
 namespace {
 
-std::uint64_t checksum_of(const std::uint8_t* at, std::size_t bytes, std::uint64_t start = 0) {
-  constexpr std::uint64_t kPrime = 0x9E3779B97F4A7C15ULL;
-  std::uint64_t sum = (start ^ bytes) * kPrime + 1;
-  while (bytes > 0) {
-    std::uint64_t part = 0;
-    const std::size_t n = bytes < 8 ? bytes : 8;
-    std::memcpy(&part, at, n);
-    sum = (sum ^ part) * kPrime;
-    sum ^= sum >> 29;
-    at += n;
-    bytes -= n;
-  }
-  return sum ^ (sum >> 32);
-}
+using dynslam::checksum;
 
 void seal(std::vector<std::uint8_t>& bytes) {
   if (bytes.size() < 48) return;
-  std::uint64_t sum = checksum_of(bytes.data(), 40), images = 0;
+  std::uint64_t sum = checksum(bytes.data(), 40), images = 0;
   std::memcpy(bytes.data() + 40, &sum, 8);
   std::memcpy(&images, bytes.data() + 24, 8);
   if (images > bytes.size() / 12) return;
   std::size_t at = 48 + 12 * images;
   if (at + 8 > bytes.size()) return;
-  sum = checksum_of(bytes.data() + 48 + 8 * images, 4 * images,
-                    checksum_of(bytes.data() + 48, 8 * images));
+  sum = checksum(bytes.data() + 48 + 8 * images, 4 * images,
+                    checksum(bytes.data() + 48, 8 * images));
   std::memcpy(bytes.data() + at, &sum, 8);
   at += 8;
   while (at + 8 <= bytes.size()) {
     std::uint32_t size = 0;
     std::memcpy(&size, bytes.data() + at, 4);
     if (size > bytes.size() - at - 8) return;
-    const auto page = static_cast<std::uint32_t>(checksum_of(bytes.data() + at + 8, size));
+    const auto page = static_cast<std::uint32_t>(checksum(bytes.data() + at + 8, size));
     std::memcpy(bytes.data() + at + 4, &page, 4);
     at += 8 + size;
   }

@@ -23,7 +23,7 @@ struct TumWriterOptions {
 /// Writes rgb/*.png, depth/*.png (16 bit), mask/*.png, and at `finish` groundtruth.txt, camera.txt,
 /// depth.txt, rgb.txt and, last of all, associations.txt.
 ///
-/// Every file is written as "x.tmp" and then renamed, and the index files come last, so a folder
+/// Every file appears complete or not at all, and the index files come last, so a folder
 /// whose writing was cut short has no index and no reader takes it for a whole. Nothing is written
 /// at destruction: without `finish` the folder stays unfinished. Times are written with 6 digits
 /// after the point, which are also the file names.
