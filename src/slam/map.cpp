@@ -17,15 +17,24 @@ auto observation_of(std::vector<Observation>& observations, KeyframeId keyframe)
 }  // namespace
 
 KeyframeId Map::add_keyframe(Keyframe keyframe) {
+  keyframe.number = keyframes_made_;
+  return restore_keyframe(std::move(keyframe));
+}
+
+KeyframeId Map::restore_keyframe(Keyframe keyframe) {
   keyframe.points.assign(keyframe.features->size(), kNoId);
   keyframe.covisible.clear();
-  keyframe.number = keyframes_made_++;
+  keyframes_made_ = keyframe.number + 1;
   return keyframes_.emplace(std::move(keyframe));
 }
 
 PointId Map::add_point(MapPoint point) {
-  point.observations.clear();
   point.born_keyframe = keyframes_made_;
+  return restore_point(std::move(point));
+}
+
+PointId Map::restore_point(MapPoint point) {
+  point.observations.clear();
   return points_.emplace(std::move(point));
 }
 

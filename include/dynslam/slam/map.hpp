@@ -64,6 +64,12 @@ class Map {
   /// Adds a point without observations.
   PointId add_point(MapPoint point);
 
+  /// For maps read back: as the above, but a keyframe keeps its `number`, which must be at least
+  /// `keyframes_made`, and a point its `born_keyframe`.
+  KeyframeId restore_keyframe(Keyframe keyframe);
+  PointId restore_point(MapPoint point);
+  void restore_keyframes_made(std::size_t count) { keyframes_made_ = count; }
+
   /// Says that a keyframe's feature shows a point. A feature that shows another point already, or a
   /// point that the keyframe sees elsewhere, is left as it is and false returned.
   bool add_observation(PointId point, Observation observation);
