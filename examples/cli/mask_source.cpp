@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <exception>
 #include <optional>
 #include <thread>
 #include <utility>
@@ -18,6 +19,7 @@ namespace {
 using Clock = std::chrono::steady_clock;
 
 constexpr std::chrono::seconds kFirstMask{30};  // longest wait for a network to warm up
+constexpr int kOldestMask = 15;                 // frames, as the propagator has it
 
 segmentation::MaskPolicyOptions policy_options(const RunFlags& flags) {
   segmentation::MaskPolicyOptions options;
@@ -88,13 +90,29 @@ const cv::Mat& MaskSource::update(const dataset::Frame& frame, FrameRow& row) {
 }
 
 void MaskSource::update_now(const dataset::Frame& frame, FrameRow& row) {
-  if (mask_.empty() || ++age_ >= every_) {
+  if (mask_.empty() || ++age_ >= every_) segment(frame);
+  row.mask_age = mask_.empty() ? -1 : age_;
+}
+
+// A segmenter that fails on the way leaves the last mask in place until that is of no use.
+void MaskSource::segment(const dataset::Frame& frame) {
+  try {
     const segmentation::Segmentation found =
         segmenter_->segment(frame.color, examples::info_of(frame));
     policy_.mask(found, segmenter_->class_names(), mask_);
     age_ = 0;
+    worked_ = true;
+  } catch (const std::exception& error) {
+    if (!worked_) throw;
+    if (failures_++ == 0) first_failure_ = error.what();
+    if (age_ >= std::max(every_, kOldestMask)) mask_.release();
   }
-  row.mask_age = age_;
+}
+
+SegmenterFailures MaskSource::failures() const {
+  if (!worker_) return {failures_, first_failure_};
+  const segmentation::AsyncStatus status = worker_->status();
+  return {static_cast<std::size_t>(status.failed), status.last_error};
 }
 
 void MaskSource::update_beside(const dataset::Frame& frame, FrameRow& row) {

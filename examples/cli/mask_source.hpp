@@ -1,7 +1,9 @@
 // Masks for the frames of a run: made while the frame waits, or on a thread beside tracking.
 #pragma once
 
+#include <cstddef>
 #include <memory>
+#include <string>
 
 #include <CLI/CLI.hpp>
 #include <opencv2/core/mat.hpp>
@@ -32,14 +34,21 @@ class MaskSource {
   void prepare(const dataset::Frame& first);
 
   /// The dynamic mask of a frame, empty without a segmenter; fills the row's columns about it.
+  /// A segmenter that fails costs masks, not the run, unless it fails from the start.
   const cv::Mat& update(const dataset::Frame& frame, FrameRow& row);
+
+  SegmenterFailures failures() const;
 
  private:
   void update_now(const dataset::Frame& frame, FrameRow& row);
+  void segment(const dataset::Frame& frame);
   void update_beside(const dataset::Frame& frame, FrameRow& row);
 
   int every_;
   int age_ = 0;
+  bool worked_ = false;
+  std::size_t failures_ = 0;
+  std::string first_failure_;
   segmentation::MaskPolicy policy_;
   std::unique_ptr<segmentation::Segmenter> segmenter_;        // synchronous
   std::unique_ptr<segmentation::AsyncSegmenter> worker_;      // or asynchronous

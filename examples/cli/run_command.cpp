@@ -49,6 +49,13 @@ void print_summary(const Json& summary) {
               summary["frames"].get<std::size_t>());
   if (!std::isnan(ate_rmse(summary))) std::printf(", ATE RMSE %.4f m", ate_rmse(summary));
   std::printf(", %.1f ms a frame (median)\n", summary["time_ms"]["frame"]["median"].get<double>());
+  if (summary.contains("localized_after_frames")) {
+    const Json& frames = summary["localized_after_frames"];
+    std::printf("%s\n",
+                frames.is_null()
+                    ? "not found in the loaded map"
+                    : ("found in the loaded map after " + frames.dump() + " frames").c_str());
+  }
   if (summary.contains("ate_median")) {
     std::printf("median of %zu runs: %.4f m, interquartile range %.4f m\n", summary["runs"].size(),
                 summary["ate_median"].get<double>(), summary["ate_iqr"].get<double>());
@@ -121,6 +128,10 @@ int run(Flags flags) {
   for (const std::string& unreadable : outcome.problems) {
     std::cerr << "dynslam: frame skipped: " << unreadable << '\n';
   }
+  if (outcome.unsegmented.count > 0) {
+    std::cerr << "dynslam: segmenter failed at " << outcome.unsegmented.count
+              << " frames: " << outcome.unsegmented.message << '\n';
+  }
   if (flags.json) {
     std::cout << summary.dump(2) << '\n';
   } else {
@@ -155,6 +166,11 @@ CLI::App* add_run_command(CLI::App& app, std::function<int()>& work) {
   command->add_option("--video", run_flags.video, "film of what the system sees, .mp4 or .avi")
       ->type_name("FILE");
   command->add_flag("--show", run_flags.show, "the same in a window");
+  CLI::Option* const load =
+      command->add_option("--load", run_flags.load, "map.dynslam of an earlier run to start from")
+          ->type_name("MAP");
+  command->add_flag("--localize-only", run_flags.localize_only, "leave the loaded map as it is")
+      ->needs(load);
   command->add_option("--compare", flags->compare, "further systems on the same frames, as a table")
       ->delimiter(',')
       ->check(CLI::IsMember(slam::composition_names()));

@@ -7,12 +7,13 @@
 #include <string_view>
 #include <vector>
 
-#include <sys/resource.h>
-
 #include "dynslam/core/errors.hpp"
+#include "dynslam/core/files.hpp"
 #include "dynslam/core/version.hpp"
 #include "dynslam/evaluation/metrics.hpp"
 #include "dynslam/evaluation/trajectory_io.hpp"
+
+#include "memory.hpp"
 
 namespace dynslam::cli {
 namespace {
@@ -83,10 +84,10 @@ Json times(const RunOutcome& outcome) {
   return json;
 }
 
-double peak_memory_mb() {
-  rusage usage{};
-  getrusage(RUSAGE_SELF, &usage);
-  return static_cast<double>(usage.ru_maxrss) / 1024.0;
+Json memory(const RunOutcome& outcome) {
+  Json quarters = Json::array();
+  for (const double mb : outcome.memory_mb) quarters.push_back(std::round(mb * 10.0) / 10.0);
+  return quarters;
 }
 
 // A single camera cannot know the scale.
@@ -150,20 +151,7 @@ double interquartile_range(const std::vector<double>& values) {
 }
 
 void write_text(const fs::path& path, const std::string& text) {
-  const fs::path temporary = path.string() + ".tmp";
-  {
-    std::ofstream out(temporary, std::ios::binary);
-    out << text;
-    out.close();
-    if (!out) {
-      std::error_code ignored;
-      fs::remove(temporary, ignored);
-      throw_io_error(path.string(), "cannot be written");
-    }
-  }
-  std::error_code error;
-  fs::rename(temporary, path, error);
-  if (error) throw_io_error(path.string(), "cannot be written: " + error.message());
+  write_file_atomically(path.string(), text);
 }
 
 void prepare_output(const fs::path& folder) {
@@ -189,10 +177,17 @@ Json summarize(const dataset::Sequence& sequence, const RunFlags& flags,
                {"lost", outcome.count("lost") + outcome.count("not_initialized")},
                {"unreadable", outcome.count("unreadable")},
                {"dropped", outcome.count("dropped")},
+               {"unsegmented", outcome.unsegmented.count},
                {"keyframes", map.keyframe_count()},
                {"map_points", map.point_count()},
                {"loops", outcome.system->loops().size()},
                {"relocalizations", outcome.count("relocalized")}};
+  if (!flags.load.empty()) {
+    const std::size_t frames = outcome.localized_after();
+    json["map_loaded"] = flags.load;
+    json["localize_only"] = flags.localize_only;
+    json["localized_after_frames"] = frames > 0 ? Json(frames) : Json(nullptr);
+  }
   if (!sequence.truth().empty()) {
     evaluation::AteOptions ate_options;
     evaluation::RpeOptions rpe_options;
@@ -211,6 +206,7 @@ Json summarize(const dataset::Sequence& sequence, const RunFlags& flags,
   json["time_ms"] = times(outcome);
   json["frames_per_second"] = number(static_cast<double>(outcome.rows.size()) / outcome.seconds);
   json["peak_memory_mb"] = number(std::round(peak_memory_mb() * 10.0) / 10.0);
+  json["memory_mb"] = memory(outcome);
   json["version"] = kVersion;
   for (const slam::LoopClosure& loop : outcome.system->loops()) {
     json["loop_closures"].push_back(to_json(loop));
@@ -249,6 +245,7 @@ void write_run(const fs::path& folder, const RunOutcome& outcome) {
   evaluation::write_trajectory((folder / "keyframes.txt").string(),
                                outcome.system->keyframe_trajectory());
   write_ply(folder / "map.ply", outcome.system->map());
+  outcome.system->save_map((folder / "map.dynslam").string());
   write_frames(folder / "frames.csv", outcome);
 }
 

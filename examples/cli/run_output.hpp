@@ -33,7 +33,8 @@ double interquartile_range(const std::vector<double>& values);
 /// What the report shows of a run.
 evaluation::RunRecord to_record(const std::string& name, const RunOutcome& outcome);
 
-/// trajectory.txt, keyframes.txt, map.ply, frames.csv. Each file is whole or not there.
+/// trajectory.txt, keyframes.txt, map.ply, map.dynslam, frames.csv. Each file is whole or not
+/// there.
 void write_run(const std::filesystem::path& folder, const RunOutcome& outcome);
 
 /// Writes text to a file that is whole or not there. Throws IoError.

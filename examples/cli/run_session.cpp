@@ -15,6 +15,7 @@
 
 #include "live_view.hpp"
 #include "mask_source.hpp"
+#include "memory.hpp"
 #include "progress.hpp"
 #include "support/demo.hpp"
 
@@ -106,6 +107,7 @@ slam::Sensor choose_sensor(const RunFlags& flags, const dataset::Sequence& seque
 
 slam::Composition composition_of(const RunFlags& flags) {
   slam::Composition system = slam::composition(flags.system);
+  system.options.localize_only = flags.localize_only;
   system.options.tracking.orb.max_features = flags.features;
   system.options.threading =
       flags.sequential ? slam::Threading::kSequential : slam::Threading::kBackground;
@@ -117,6 +119,16 @@ slam::Composition composition_of(const RunFlags& flags) {
 std::size_t RunOutcome::count(const std::string& state) const {
   return static_cast<std::size_t>(std::count_if(
       rows.begin(), rows.end(), [&](const FrameRow& row) { return row.state == state; }));
+}
+
+std::size_t RunOutcome::localized_after() const {
+  std::size_t given = 0;
+  for (const FrameRow& row : rows) {
+    if (row.state == "dropped" || row.state == "unreadable") continue;
+    ++given;
+    if (row.state == "tracked" || row.state == "relocalized") return given;
+  }
+  return 0;
 }
 
 RunOutcome run_system(const dataset::Sequence& sequence, const RunFlags& flags) {
@@ -132,6 +144,7 @@ RunOutcome run_system(const dataset::Sequence& sequence, const RunFlags& flags) 
   if (!flags.vocabulary.empty()) vocabulary = loop::load_vocabulary(flags.vocabulary);
   outcome.system = std::make_unique<slam::System>(sequence.camera(), options,
                                                   std::move(vocabulary));
+  if (!flags.load.empty()) outcome.system->start_from(slam::load_map(flags.load));
   MaskSource masks(flags, sequence);
   LiveView view(flags, sequence);
   if (flags.asynchronous()) prepare(sequence, masks);
@@ -144,6 +157,9 @@ RunOutcome run_system(const dataset::Sequence& sequence, const RunFlags& flags) 
       for (; next < due; ++next) outcome.rows.push_back(missing_row(sequence, next, "dropped"));
       frames.skip_to(next);
     }
+    while (next * 4 >= (outcome.memory_mb.size() + 1) * sequence.size()) {
+      outcome.memory_mb.push_back(resident_memory_mb());
+    }
     const std::optional<dataset::FrameResult> read = frames.next();
     if (!read) break;
     if (!read->frame) {
@@ -155,10 +171,12 @@ RunOutcome run_system(const dataset::Sequence& sequence, const RunFlags& flags) 
     const FrameRow& row = outcome.rows.back();
     progress.update(next + 1, row.state + ", " + std::to_string(row.inliers) + " inliers");
   }
+  outcome.memory_mb.push_back(resident_memory_mb());
   outcome.seconds = std::chrono::duration<double>(Clock::now() - start).count();
   if (outcome.problems.size() == sequence.size()) throw IoError(outcome.problems.front());
   outcome.system->finish();
   view.finish();
+  outcome.unsegmented = masks.failures();
   outcome.trajectory = outcome.system->trajectory();
   return outcome;
 }

@@ -37,6 +37,8 @@ struct RunFlags {
   bool sequential = false;
   std::string video;  ///< file for what the system sees; empty: none
   bool show = false;  ///< the same in a window
+  std::string load;            ///< map to start from; empty: none
+  bool localize_only = false;  ///< leave the loaded map as it is
 
   /// Whether segmentation runs beside tracking: always in real time, unless one thread is asked
   /// for.
@@ -65,15 +67,25 @@ struct FrameRow {
   double total_ms = 0.0;  ///< segmentation included where tracking waits for it
 };
 
+/// Frames at which the segmenter failed, and one of its reasons.
+struct SegmenterFailures {
+  std::size_t count = 0;
+  std::string message;
+};
+
 /// What a run gave.
 struct RunOutcome {
   std::vector<FrameRow> rows;
   std::vector<std::string> problems;  ///< of unreadable frames, first few
+  SegmenterFailures unsegmented;
   Trajectory trajectory;
   std::unique_ptr<slam::System> system;
   double seconds = 0.0;
+  std::vector<double> memory_mb;  ///< resident after each quarter of the frames
 
   std::size_t count(const std::string& state) const;
+  /// Frames given to the system up to the first with a pose, that included; 0: none has one.
+  std::size_t localized_after() const;
   std::size_t tracked() const { return count("tracked") + count("relocalized"); }
 };
 

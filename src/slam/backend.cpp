@@ -32,6 +32,11 @@ Backend::Backend(const DepthCamera& camera, const SystemOptions& options,
 
 Backend::~Backend() { stop_ = true; }
 
+void Backend::adopt_map() {
+  mapper_.adopt_map();
+  if (closer_ != nullptr) closer_->adopt_map();
+}
+
 bool Backend::accepts_keyframe() const { return mapping_ == nullptr || !mapping_->full(); }
 
 KeyframeId Backend::insert(TrackedFrame& frame, std::size_t frame_index) {

@@ -29,6 +29,9 @@ class Backend {
   /// Ends the work at the next opportunity and joins the workers.
   ~Backend();
 
+  /// Goes on with the map there is, before the first keyframe.
+  void adopt_map();
+
   /// False while local mapping lags behind: no keyframe should be made then.
   bool accepts_keyframe() const;
   /// As LocalMapper::insert: the caller holds the map.

@@ -3,6 +3,7 @@
 namespace dynslam::slam {
 
 RigidTransform FrameLog::pose_of(const Map& map, const Record& record) {
+  if (record.reference == kWorld) return record.T_cam_reference;
   return record.T_cam_reference * map.keyframe(record.reference).T_cam_world;
 }
 
@@ -30,14 +31,25 @@ void FrameLog::release(const Map& map, KeyframeId keyframe, KeyframeId fallback)
   if (reference == keyframe) reference = heir;
 }
 
-void FrameLog::forget_poses() {
-  for (Record& record : records_) record.reference = kNoId;
+void FrameLog::let_go_of_map(const Map& map) {
+  for (Record& record : records_) {
+    if (record.reference == kNoId) continue;
+    record.T_cam_reference = pose_of(map, record);
+    record.reference = kWorld;
+  }
   reference = kNoId;
 }
 
 std::optional<RigidTransform> FrameLog::last_pose(const Map& map) const {
   if (records_.empty() || records_.back().reference == kNoId) return std::nullopt;
   return pose_of(map, records_.back());
+}
+
+std::optional<RigidTransform> FrameLog::latest_pose(const Map& map) const {
+  for (auto record = records_.rbegin(); record != records_.rend(); ++record) {
+    if (record->reference != kNoId) return pose_of(map, *record);
+  }
+  return std::nullopt;
 }
 
 Trajectory FrameLog::trajectory(const Map& map) const {

@@ -22,23 +22,26 @@ class FrameLog {
   /// Hangs the frames of a keyframe on its best neighbour, or on `fallback`; call before the
   /// keyframe is erased. O(frames).
   void release(const Map& map, KeyframeId keyframe, KeyframeId fallback);
-  /// Forgets all poses, not the frames.
-  void forget_poses();
+  /// Keeps the poses as they are now, because the map is about to be dropped.
+  void let_go_of_map(const Map& map);
 
   std::size_t size() const { return records_.size(); }
   bool empty() const { return records_.empty(); }
   double last_timestamp() const { return records_.back().timestamp; }
   /// T_cam_world of the last frame under the present map, if it has one.
   std::optional<RigidTransform> last_pose(const Map& map) const;
+  /// T_cam_world of the last frame that has a pose. O(frames lost since).
+  std::optional<RigidTransform> latest_pose(const Map& map) const;
   /// Poses camera to world of the frames that have one. O(frames).
   Trajectory trajectory(const Map& map) const;
 
  private:
   struct Record {
     double timestamp;
-    KeyframeId reference = kNoId;  // kNoId: no pose
+    KeyframeId reference = kNoId;  // kNoId: no pose; kWorld: of a map that is gone
     RigidTransform T_cam_reference;
   };
+  static constexpr KeyframeId kWorld = kNoId - 1;
   static RigidTransform pose_of(const Map& map, const Record& record);
 
   std::vector<Record> records_;

@@ -93,6 +93,11 @@ const KeyframeWords& KeyframeDatabase::put_in_words(State& state, const Keyframe
   return words;
 }
 
+void KeyframeDatabase::add(const KeyframeLook& keyframe) {
+  const std::shared_ptr<State> now = state();
+  now->detector.add(keyframe.id, put_in_words(*now, keyframe).bow);
+}
+
 void KeyframeDatabase::remove(KeyframeId id) {
   const std::shared_ptr<State> now = state();
   if (now == nullptr) return;

@@ -48,6 +48,8 @@ class KeyframeDatabase {
   /// stores it. Needs `ready`. `verify` may ask for its words.
   loop::LoopResult detect(const KeyframeLook& keyframe, Span<const KeyframeId> covisible,
                           const loop::VerifyLoop& verify);
+  /// Stores a keyframe without looking for its place. Needs `ready`.
+  void add(const KeyframeLook& keyframe);
   void remove(KeyframeId id);
   /// Words of a keyframe that is stored or being detected.
   const KeyframeWords& words(KeyframeId id) const;

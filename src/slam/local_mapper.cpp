@@ -86,6 +86,15 @@ KeyframeId LocalMapper::insert_start(const MonoStart& start, TrackedFrame& secon
   return second_id;
 }
 
+void LocalMapper::adopt_map() {
+  const Map& map = shared_.map;
+  young_points_.clear();
+  for (const PointId id : map.point_ids()) {
+    const std::size_t age = map.keyframes_made() - map.point(id).born_keyframe;
+    if (age <= kTrialKeyframes) young_points_.push_back(id);
+  }
+}
+
 void LocalMapper::refine(KeyframeId id, bool with_bundle, const std::atomic<bool>& stop) {
   drop_bad_points();
   if (options_.sensor != Sensor::kRgbd) triangulate(id, stop);

@@ -31,6 +31,9 @@ class LocalMapper {
   /// keyframe. The caller holds the map.
   KeyframeId insert_start(const MonoStart& start, TrackedFrame& second, std::size_t frame_index);
 
+  /// Goes on with the map there is: its youngest points stay on trial. Before the first keyframe.
+  void adopt_map();
+
   /// Tidies up around a keyframe: drops bad points, triangulates new ones where the sensor leaves
   /// depths open, joins points seen twice, adjusts the bundle unless that is left out, drops what
   /// is redundant by then. Holds the map for parts of it only; a raised `stop` ends it early.

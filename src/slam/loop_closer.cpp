@@ -110,6 +110,20 @@ bool LoopCloser::train_if_due() {
   return database_.train(looks);
 }
 
+void LoopCloser::adopt_map() {
+  std::vector<KeyframeLook> looks;
+  {
+    const BackgroundLock lock(shared_.mutex);
+    stored_ = shared_.map.keyframe_ids();
+    for (const KeyframeId id : stored_) looks.push_back(look_of(shared_.map, id));
+  }
+  if (database_.ready()) {
+    for (const KeyframeLook& look : looks) database_.add(look);
+  } else if (database_.train(looks)) {
+    next_training_ = kTrainingGrowth * stored_.size();
+  }
+}
+
 void LoopCloser::process(KeyframeId id, const std::atomic<bool>& stop) {
   forget_erased();
   KeyframeLook look;

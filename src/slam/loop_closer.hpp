@@ -30,6 +30,9 @@ class LoopCloser {
   /// A raised `stop` ends it early.
   void process(KeyframeId keyframe, const std::atomic<bool>& stop);
 
+  /// Stores all keyframes of the map there is, which nobody works on yet.
+  void adopt_map();
+
   /// For other threads: keyframes by their looks.
   const KeyframeDatabase& database() const { return database_; }
   /// Loops closed so far. The caller holds the map.

@@ -36,7 +36,7 @@ static_assert(sizeof(SectionHead) == 24, "a section's head has no gaps");
 
 // Bytes of the smallest feature, point and observation: a count that needs more than there are is
 // refused before anything is allocated.
-inline constexpr std::size_t kFeatureBytes = 6 * 4 + 2 * 4 + 3 + kDescriptorBytes;
+inline constexpr std::size_t kFeatureBytes = 6 * 4 + 2 * 4 + 4 + kDescriptorBytes;
 inline constexpr std::size_t kPointBytes = 3 * 8 + 6 * 4 + 2 * 4 + 8 + 3 + kDescriptorBytes + 4;
 inline constexpr std::size_t kObservationBytes = 8;
 

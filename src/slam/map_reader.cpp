@@ -150,7 +150,9 @@ void read_pose(Cursor& section, RigidTransform& T) {
   if (off > kRotationTolerance || T.R.determinant() < 0.0) section.refuse("rotation is none");
 }
 
-void read_feature(Cursor& section, const StoredMap& stored, FrameFeatures& features, int row) {
+// Returns whether it moved.
+std::uint8_t read_feature(Cursor& section, const StoredMap& stored, FrameFeatures& features,
+                          int row) {
   const auto& camera = stored.camera;
   cv::KeyPoint keypoint;
   keypoint.pt.x = section.within<float>("column", 0.0F, static_cast<float>(camera.width - 1));
@@ -167,7 +169,9 @@ void read_feature(Cursor& section, const StoredMap& stored, FrameFeatures& featu
                  "a finite number or NaN");
   features.right_columns.push_back(right);
   section.bytes(features.colors.emplace_back().val, 3, "colour");
+  const auto moving = section.within<std::uint8_t>("moving", 0, 1);
   section.bytes(features.descriptors.ptr(row), kDescriptorBytes, "descriptor");
+  return moving;
 }
 
 void read_keyframe(Cursor section, StoredMap& stored) {
@@ -185,7 +189,7 @@ void read_keyframe(Cursor section, StoredMap& stored) {
   const std::string place = section.place;
   for (std::size_t i = 0; i < n; ++i) {
     section.place = place + "feature " + std::to_string(i) + ": ";
-    read_feature(section, stored, *features, static_cast<int>(i));
+    keyframe.moving.push_back(read_feature(section, stored, *features, static_cast<int>(i)));
   }
   section.place = place;
   section.expect_end();

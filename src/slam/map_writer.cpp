@@ -59,8 +59,8 @@ void put_camera(Section& section, const Map& map, const DepthCamera& camera,
   for (const float factor : scale_factors) section.put(factor);
 }
 
-void put_feature(Section& section, const FrameFeatures& features, std::size_t i,
-                 std::size_t levels) {
+void put_feature(Section& section, const Keyframe& keyframe, std::size_t i, std::size_t levels) {
+  const FrameFeatures& features = *keyframe.features;
   const cv::KeyPoint& keypoint = features.keypoints[i];
   require(keypoint.octave >= 0 && static_cast<std::size_t>(keypoint.octave) < levels, "save_map",
           "scale_factors", levels, "more than octave " + std::to_string(keypoint.octave));
@@ -73,6 +73,7 @@ void put_feature(Section& section, const FrameFeatures& features, std::size_t i,
   section.put(features.depths[i]);
   section.put(features.right_columns[i]);
   section.put(features.colors[i].val, 3);
+  section.put(keyframe.moving.empty() ? std::uint8_t{0} : keyframe.moving[i]);
   section.put(features.descriptor(i), kDescriptorBytes);
 }
 
@@ -85,7 +86,7 @@ void put_keyframe(Section& section, const Keyframe& keyframe, std::size_t levels
   const FrameFeatures& features = *keyframe.features;
   section.put(features.masked_share);
   section.put(static_cast<std::uint32_t>(features.size()));
-  for (std::size_t i = 0; i < features.size(); ++i) put_feature(section, features, i, levels);
+  for (std::size_t i = 0; i < features.size(); ++i) put_feature(section, keyframe, i, levels);
 }
 
 void put_point(Section& section, const MapPoint& point,

@@ -5,10 +5,12 @@
 #include <utility>
 
 #include "dynslam/core/errors.hpp"
+#include "dynslam/core/files.hpp"
 
 #include "backend.hpp"
 #include "frame_builder.hpp"
 #include "shared_map.hpp"
+#include "stored_map.hpp"
 #include "tracking_session.hpp"
 
 namespace dynslam::slam {
@@ -28,17 +30,20 @@ const char* to_string(TrackingState state) {
 }
 
 struct System::Impl {
-  Impl(const DepthCamera& camera, const SystemOptions& options_, loop::Vocabulary vocabulary)
-      : options(options_),
+  Impl(const DepthCamera& camera_, const SystemOptions& options_, loop::Vocabulary vocabulary)
+      : camera(camera_),
+        options(options_),
         builder(camera, options_),
         backend(camera, options_, builder.scale_factors(), std::move(vocabulary), shared),
         session(camera, options_, builder, shared, backend) {}
 
+  DepthCamera camera;
   SystemOptions options;
   FrameBuilder builder;
   SharedMap shared;
   Backend backend;  // its workers end before what they use
   TrackingSession session;
+  std::size_t stored_keyframes = 0;  // numbers below are of a map made before
 };
 
 System::System(const DepthCamera& camera, const SystemOptions& options,
@@ -78,6 +83,27 @@ FrameResult System::track(const FrameInput& frame) {
   return s.session.track(frame);
 }
 
+void System::start_from(StoredMap stored) {
+  Impl& s = *impl_;
+  constexpr const char* kName = "System::start_from";
+  require(s.shared.log.empty(), kName, "frames tracked", s.shared.log.size(), "none yet");
+  require_suitable(kName, stored, s.camera, s.builder.scale_factors());
+  convert_right_columns(stored, s.camera.bf);
+  s.shared.map = std::move(stored.map);
+  s.stored_keyframes = s.shared.map.keyframes_made();
+  s.backend.adopt_map();
+  s.session.start_in_known_map();
+}
+
+void System::save_map(const std::string& path) const {
+  std::string bytes;
+  {
+    const BackgroundLock lock(impl_->shared.mutex);
+    bytes = serialize_map(impl_->shared.map, impl_->camera, impl_->builder.scale_factors());
+  }
+  write_file_atomically(path, bytes);
+}
+
 void System::finish() { impl_->backend.finish(); }
 
 std::vector<LoopClosure> System::loops() const {
@@ -95,6 +121,7 @@ Trajectory System::keyframe_trajectory() const {
   Trajectory poses;
   for (const KeyframeId id : impl_->shared.map.keyframe_ids()) {
     const Keyframe& keyframe = impl_->shared.map.keyframe(id);
+    if (keyframe.number < impl_->stored_keyframes) continue;
     poses.push_back({keyframe.timestamp, keyframe.T_cam_world.normalized().inverse()});
   }
   return poses;

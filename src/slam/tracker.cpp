@@ -87,6 +87,7 @@ Tracker::Tracker(const DepthCamera& camera, const SystemOptions& options,
       weighted_(options.weights != factors::WeightMode::kFixed || options.geometry),
       geometry_(options.geometry),
       reject_matches_(options.reject_matches),
+      learns_(!options.localize_only),
       scale_factors_(scale_factors),
       pose_(camera, scale_factors, options.weights) {}
 
@@ -375,6 +376,7 @@ int Tracker::track_local_map(Map& map, KeyframeId reference, TrackedFrame& frame
   if (static_cast<int>(matches_.size()) < options_.min_inliers && !prior_) return 0;
   if (geometry_) prefer_proven();
   const int inliers = optimize(frame, predictions_.ids);
+  if (!learns_) return inliers;
   for (const PointId id : predictions_.ids) {
     if (id != kNoId) ++map.point(id).visible;
   }

@@ -136,7 +136,7 @@ class Tracker {
 
   DepthCamera camera_;
   TrackingOptions options_;
-  bool weighted_, geometry_, reject_matches_;
+  bool weighted_, geometry_, reject_matches_, learns_;
   std::vector<float> scale_factors_;
   PoseEstimation pose_;
   LocalMap local_map_;

@@ -13,6 +13,7 @@ constexpr double kMaxExtrapolation = 0.5;         // seconds over which a veloci
 constexpr double kWideStep = 0.3;                 // beyond which it may be off by a decimetre
 constexpr double kMaxGuess = 1.5;                 // and up to which it is a guess among others
 constexpr std::size_t kRelocalizationTries = 12;  // keyframes compared with a lost frame
+constexpr std::size_t kFirstTries = 20;           // and with one that may be anywhere
 constexpr double kRestartAfter = 1.0;  // seconds lost after which a map of few keyframes is dropped
 constexpr std::size_t kRestartKeyframes = 3;
 constexpr int kWantedPoints = 100;  // a frame that tracks fewer, and could have
@@ -69,13 +70,19 @@ bool TrackingSession::initialize_mono(FrameResult& result) {
   return true;
 }
 
+void TrackingSession::start_in_known_map() {
+  known_map_ = true;
+  state_ = TrackingState::kLost;
+}
+
 bool TrackingSession::initialize(FrameResult& result, TrackingLock& lock) {
+  if (options_.localize_only) return false;
   if (options_.sensor == Sensor::kMono) return initialize_mono(result);
   const auto& depths = current_.features->depths;
   const auto with_depth =
       std::count_if(depths.begin(), depths.end(), [](float z) { return z > 0; });
   if (with_depth < kMinFirstPoints) return false;
-  current_.T_cam_world = RigidTransform();
+  current_.T_cam_world = T_cam_origin_;
   make_keyframe(result, lock);
   return true;
 }
@@ -138,7 +145,8 @@ std::vector<KeyframeId> TrackingSession::relocalization_candidates() {
   }
   // The rest of the map in turns, a few keyframes for each lost frame.
   const std::vector<KeyframeId> all = map.keyframe_ids();
-  for (std::size_t i = 0; i < all.size() && candidates.size() < kRelocalizationTries; ++i) {
+  const std::size_t tries = reference == kNoId ? kFirstTries : kRelocalizationTries;
+  for (std::size_t i = 0; i < all.size() && candidates.size() < tries; ++i) {
     add(all[next_candidate_++ % all.size()]);
   }
   return candidates;
@@ -155,17 +163,20 @@ bool TrackingSession::relocalize() {
 }
 
 void TrackingSession::restart_if_hopeless() {
-  const bool hopeless = shared_.map.keyframes_made() <= kRestartKeyframes &&
+  const bool hopeless = !known_map_ && shared_.map.keyframes_made() <= kRestartKeyframes &&
                         current_.timestamp - lost_since_ > kRestartAfter;
   if (!hopeless) return;
+  // The next map begins where the camera was seen last: the best guess there is.
+  T_cam_origin_ = shared_.log.latest_pose(shared_.map).value_or(RigidTransform());
+  shared_.log.let_go_of_map(shared_.map);
   shared_.map.clear();
-  shared_.log.forget_poses();
   movers_.clear();
   tracks_.clear();
   state_ = TrackingState::kNotInitialized;
 }
 
 bool TrackingSession::wants_keyframe(int inliers) const {
+  if (options_.localize_only) return false;
   if (!backend_.accepts_keyframe()) return false;
   if (frames_since_keyframe_ < static_cast<std::size_t>(options_.mapping.min_frames)) return false;
   if (frames_since_keyframe_ >= static_cast<std::size_t>(options_.mapping.max_frames)) return true;

@@ -31,6 +31,9 @@ class TrackingSession {
   FrameResult track(const FrameInput& frame);
 
   FeaturesView features() const { return view_of(last_); }
+  /// The map there is was made before: the camera is lost in it. Before the first frame.
+  void start_in_known_map();
+
   MoversView movers() const { return {movers_.mask(), movers_.judged()}; }
 
  private:
@@ -64,6 +67,8 @@ class TrackingSession {
   std::size_t frames_since_keyframe_ = 0;
   std::size_t next_candidate_ = 0;  // where the search for a lost frame goes on
   double lost_since_ = 0.0;
+  bool known_map_ = false;            // it is not dropped, however long the camera is lost
+  RigidTransform T_cam_origin_;       // pose of the frame that a map begins with
   std::optional<Vector6d> velocity_;  // twist of T_cam_last a second
   std::uint64_t corrections_ = 0;     // of the map that the poses kept here know of
 };

@@ -136,6 +136,7 @@ TEST(MapFile, AMapComesBackBitForBit) {
     EXPECT_EQ(a.T_cam_world.R, b.T_cam_world.R);
     EXPECT_EQ(a.T_cam_world.t, b.T_cam_world.t);
     EXPECT_EQ(a.covisible.size(), b.covisible.size());
+    EXPECT_EQ(a.moving, b.moving);
     expect_equal(*a.features, *b.features);
   }
   const auto points = map.point_ids(), back_points = back.map.point_ids();
@@ -212,9 +213,9 @@ TEST(MapFile, EveryFieldIsCheckedBeforeItIsUsed) {
       {1, 96, raw(1e30), "keyframe 0: translation is"},
       {1, 120, raw(1.5F), "keyframe 0: masked share is 1.5"},
       {1, 124, raw(~std::uint32_t{0}), "keyframe 0: features is 4294967295"},
-      {1, 124, raw<std::uint32_t>(3), "keyframe 0: 67 bytes after its end"},
+      {1, 124, raw<std::uint32_t>(3), "keyframe 0: 68 bytes after its end"},
       {3, kFirstFeature + 0, raw(-1.0F), "keyframe 2: feature 0: column is -1"},
-      {3, kFirstFeature + 67 + 4, raw(240.0F), "keyframe 2: feature 1: row is 240"},
+      {3, kFirstFeature + 68 + 4, raw(240.0F), "keyframe 2: feature 1: row is 240"},
       {3, kFirstFeature + 8, raw(kNanF), "feature 0: size is nan"},
       {3, kFirstFeature + 12, raw(361.0F), "feature 0: angle is 361"},
       {3, kFirstFeature + 16, raw(kNanF), "feature 0: response is nan"},
@@ -223,6 +224,7 @@ TEST(MapFile, EveryFieldIsCheckedBeforeItIsUsed) {
       {3, kFirstFeature + 24, raw(-1.0F), "feature 0: depth is -1"},
       {3, kFirstFeature + 28, raw(std::numeric_limits<float>::infinity()),
        "feature 0: right column is inf"},
+      {3, kFirstFeature + 35, raw(std::uint8_t{2}), "feature 0: moving is 2"},
       {4, 0, raw(std::uint64_t{1} << 60U), "points: points is"},
       {4, 0, raw<std::uint64_t>(1), "bytes after its end"},
       {4, kFirstPoint + 8, raw(kNan), "point 0: position is nan"},

@@ -61,6 +61,7 @@ inline Map small_map() {
     twist << 0.1 * i, 0.02, -0.03 * i, 0.01, 0.2 * i, -0.1;
     keyframe.T_cam_world = se3_exp(twist);
     keyframe.features = small_features(i);
+    keyframe.moving = {0, 0, 0, 1};
     keyframes.push_back(map.add_keyframe(std::move(keyframe)));
   }
   map.erase_keyframe(keyframes[1]);

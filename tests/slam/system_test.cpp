@@ -278,7 +278,7 @@ TEST(System, StartsAnewWhenItIsLostForGoodRightAfterTheStart) {
   FrameInput late = input_of(frames[40]);
   late.timestamp = 10.0;
   EXPECT_EQ(system.track(late).state, TrackingState::kTracked);
-  EXPECT_EQ(system.trajectory().size(), 1U);
+  EXPECT_EQ(system.trajectory().size(), 2U);
 }
 
 class SystemContract : public ::testing::Test {

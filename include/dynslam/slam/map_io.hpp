@@ -23,7 +23,7 @@ struct StoredMap {
 ///
 /// Throws InvalidArgument if the camera is invalid or a keyframe has a feature beyond the scale
 /// factors; IoError if the file cannot be written, a full disk included, an older one then being as
-/// it was. O(bytes), about 67 for a feature and 130 for a point. Whoever changes the map must wait.
+/// it was. O(bytes), about 68 for a feature and 130 for a point. Whoever changes the map must wait.
 void save_map(const std::string& path, const Map& map, const DepthCamera& camera,
               Span<const float> scale_factors);
 

@@ -103,6 +103,9 @@ struct SystemOptions {
   factors::WeightMode weights = factors::WeightMode::kFixed;
   /// Refine keyframes and points by bundle adjustment after each keyframe.
   bool bundle_adjustment = true;
+  /// Only find the camera in the map that System::start_from was given, and leave that as it is: no
+  /// keyframes, no points, no weights. Without such a map no frame gets a pose.
+  bool localize_only = false;
   /// Loops and recognition; without Ceres there are none.
   LoopOptions loops;
   /// Who works on keyframes.

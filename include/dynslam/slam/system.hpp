@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <memory>
 #include <optional>
+#include <string>
 #include <vector>
 
 #include <opencv2/core/mat.hpp>
@@ -15,6 +16,7 @@
 #include "dynslam/slam/frame.hpp"
 #include "dynslam/slam/loop_closure.hpp"
 #include "dynslam/slam/map.hpp"
+#include "dynslam/slam/map_io.hpp"
 #include "dynslam/slam/options.hpp"
 
 namespace dynslam::slam {
@@ -115,7 +117,7 @@ class System {
   /// Poses of all frames that have one, corrected by everything learned since. O(frames). With
   /// background workers: of this moment; call `finish` for the last word.
   Trajectory trajectory() const;
-  /// Poses of the keyframes.
+  /// Poses of the keyframes made since the start, not of those that `start_from` brought.
   Trajectory keyframe_trajectory() const;
 
   /// Loops closed so far, with background workers those of this moment.
@@ -126,6 +128,16 @@ class System {
 
   /// What moved in the last frame; shares memory with the system until the next `track`.
   MoversView movers() const;
+
+  /// Goes on with a map made before, and with its world. Until a frame is recognized by its looks
+  /// the camera is lost in it: the state is kLost, not kNotInitialized. Without a vocabulary one is
+  /// trained on the map.
+  ///
+  /// Throws InvalidArgument, changing nothing, after the first frame, for a map without keyframes,
+  /// and for one of another camera (bf may differ) or other pyramid levels.
+  void start_from(StoredMap stored);
+  /// Writes the map of this moment for `load_map`. Throws as slam::save_map.
+  void save_map(const std::string& path) const;
 
   /// With background workers: between `finish` and the next `track` only, since they change it.
   const Map& map() const;
