@@ -221,7 +221,7 @@ TEST(System, FollowsTheDepthWhileTheImageIsDark) {
   const auto& frames = frames_of("room_still");
   for (std::size_t i = 0; i < 30; ++i) {
     FrameInput input = input_of(frames[i]);
-    if (i >= 15 && i < 19) input.image = cv::Mat::zeros(240, 320, CV_8UC3);
+    if (i >= 15 && i < 19) input.image = cv::Mat(240, 320, CV_8UC3, cv::Scalar());
     const FrameResult result = system.track(input);
     EXPECT_EQ(result.state, TrackingState::kTracked) << i;
     // The first light frame has no features before it to go by.
