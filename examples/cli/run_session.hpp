@@ -35,8 +35,8 @@ struct RunFlags {
   bool realtime = false;
   bool beside = false;  ///< segment on a thread of its own although frames wait
   bool sequential = false;
-  std::string video;  ///< file for what the system sees; empty: none
-  bool show = false;  ///< the same in a window
+  std::string video;           ///< file for what the system sees; empty: none
+  bool show = false;           ///< the same in a window
   std::string load;            ///< map to start from; empty: none
   bool localize_only = false;  ///< leave the loaded map as it is
 

@@ -140,8 +140,10 @@ std::vector<KeyframeId> TrackingSession::relocalization_candidates() {
     add(id);
   }
   add(reference);
-  for (const KeyframeId id : map.covisible_keyframes(reference, kRelocalizationTries / 2 - 1)) {
-    add(id);
+  if (reference != kNoId) {
+    for (const KeyframeId id : map.covisible_keyframes(reference, kRelocalizationTries / 2 - 1)) {
+      add(id);
+    }
   }
   // The rest of the map in turns, a few keyframes for each lost frame.
   const std::vector<KeyframeId> all = map.keyframe_ids();

@@ -50,7 +50,7 @@ for key in frames tracked lost keyframes map_points loops relocalizations system
 done
 cmp -s summary.json out/summary.json || complain "--json prints something else than summary.json"
 grep -q '"tracked": 12' summary.json || complain "not all frames tracked"
-for file in trajectory.txt keyframes.txt map.ply frames.csv summary.json report.html; do
+for file in trajectory.txt keyframes.txt map.ply map.dynslam frames.csv summary.json report.html; do
   expect_file "out/$file"
 done
 [[ $(grep -vc '^#' out/trajectory.txt) == 12 ]] || complain "12 poses"
@@ -72,6 +72,20 @@ done
 expect_failure 1 'film.gif' run --tum scene --video film.gif --out x
 expect_failure 1 'folder' run --tum scene --video nowhere/film.mp4 --out x
 DISPLAY='' WAYLAND_DISPLAY='' expect_failure 1 'display|window' run --tum scene --show --out x
+
+# The map that was written is found again, left as it is, and refused where it does not suit.
+"$dynslam" run --tum scene --system p-yolo --segmenter recorded:scene/mask --load out/map.dynslam \
+  --localize-only --out out-found --json >summary.json 2>stderr || complain "load: $(cat stderr)"
+grep -q '"localized_after_frames": [1-5],' summary.json || complain "not found within 5 frames"
+cmp -s out/map.dynslam out-found/map.dynslam || complain "--localize-only changed the map"
+"$dynslam" run --tum scene --system baseline --load out/map.dynslam --out out-further --json \
+  >summary.json 2>stderr || complain "load and map: $(cat stderr)"
+grep -q '"localized_after_frames": [1-5],' summary.json || complain "not found within 5 frames"
+head -c 5000 out/map.dynslam >cut.dynslam
+expect_failure 1 'cut.dynslam: no sound map' run --tum scene --load cut.dynslam --out x
+expect_failure 1 'nomap' run --tum scene --load nomap --out x
+expect_failure 1 'camera' run --tum scene --camera 500,500,160,120 --load out/map.dynslam --out x
+expect_failure 2 'load' run --tum scene --localize-only --out x
 
 # A truncated image is counted and skipped.
 cp -r scene broken
