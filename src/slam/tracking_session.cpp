@@ -16,8 +16,13 @@ constexpr std::size_t kRelocalizationTries = 12;  // keyframes compared with a l
 constexpr std::size_t kFirstTries = 20;           // and with one that may be anywhere
 constexpr double kRestartAfter = 1.0;  // seconds lost after which a map of few keyframes is dropped
 constexpr std::size_t kRestartKeyframes = 3;
-constexpr int kWantedPoints = 100;  // a frame that tracks fewer, and could have
-constexpr int kSparePoints = 70;    // so many more, becomes a keyframe
+// What takes a camera farther from where it was expected is no motion: five g and a flick of the
+// wrist, beside errors of the pose, which grow with the distance of what is seen.
+constexpr double kMaxAcceleration = 50.0;  // m/s^2
+constexpr double kMaxTurn = 200.0;         // rad/s^2
+constexpr double kPoseNoise = 0.05;        // share of the median depth, and radians
+constexpr int kWantedPoints = 100;         // a frame that tracks fewer, and could have
+constexpr int kSparePoints = 70;           // so many more, becomes a keyframe
 
 }  // namespace
 
@@ -213,8 +218,28 @@ void TrackingSession::make_keyframe(FrameResult& result, TrackingLock& lock) {
   if (options_.sensor != Sensor::kRgbd) current_.points = refined->points;  // triangulated ones
 }
 
+bool TrackingSession::jumped() const {
+  const std::optional<RigidTransform> T_last_world = shared_.log.last_pose(shared_.map);
+  if (!T_last_world) return false;
+  std::vector<double> depths;
+  for (const PointId id : current_.points) {
+    const MapPoint* point = shared_.map.find_point(id);
+    if (point != nullptr) depths.push_back((current_.T_cam_world * point->position).z());
+  }
+  if (depths.empty()) return false;
+  const auto middle = depths.begin() + static_cast<std::ptrdiff_t>(depths.size() / 2);
+  std::nth_element(depths.begin(), middle, depths.end());
+  const double dt = current_.timestamp - last_.timestamp;
+  const Vector6d moved = velocity_ ? Vector6d(dt * *velocity_) : Vector6d::Zero();
+  const RigidTransform off = current_.T_cam_world * (se3_exp(moved) * *T_last_world).inverse();
+  const double doubt = velocity_ ? 1.0 : 2.0;
+  return off.t.norm() > doubt * (kPoseNoise * *middle + kMaxAcceleration * dt * dt) ||
+         so3_log(off.R).norm() > doubt * (kPoseNoise + kMaxTurn * dt * dt);
+}
+
 void TrackingSession::update_velocity() {
   velocity_.reset();
+  if (state_ == TrackingState::kRelocalized) return;
   const std::optional<RigidTransform> T_last_world = shared_.log.last_pose(shared_.map);
   if (!T_last_world) return;
   const double dt = current_.timestamp - last_.timestamp;
@@ -282,6 +307,8 @@ void TrackingSession::step(FrameResult& result) {
   const TrackerTimes times = tracker_.take_times();
   result.state = state_;
   if (located && !first) {
+    if (state_ == TrackingState::kTracked && jumped()) state_ = TrackingState::kRelocalized;
+    result.state = state_;
     shared_.log.reference = tracker_.local_map().reference;
     ++frames_since_keyframe_;
     update_velocity();

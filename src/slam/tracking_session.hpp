@@ -49,6 +49,8 @@ class TrackingSession {
   bool wants_keyframe(int inliers) const;
   void make_keyframe(FrameResult& result, TrackingLock& lock);
   void find_movers(FrameResult& result, TrackingLock& lock);
+  /// Whether the frame is elsewhere than any motion since the last one could have taken it.
+  bool jumped() const;
   void update_velocity();
   void follow_corrections();
   template <typename Work>

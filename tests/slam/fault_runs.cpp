@@ -31,8 +31,8 @@ using testing::FaultySource;
 constexpr std::size_t kFrames = 100, kQuiet = 25;
 constexpr int kLongestRun = 120;        // seconds after which a run hangs
 constexpr double kGreatestSpeed = 1.5;  // metres a second: the camera has 0.4, the people 0.9
-constexpr double kJumpSlack = 0.06;     // metres that a pose may correct itself by
-constexpr double kGreatestTurn = 1.5, kTurnSlack = 0.06;  // the same in radians
+constexpr double kJumpSlack = 0.2;      // metres that a pose may correct itself by
+constexpr double kGreatestTurn = 1.5, kTurnSlack = 0.2;  // the same in radians
 
 std::vector<dataset::Frame> render() {
   dataset::SceneOptions options;

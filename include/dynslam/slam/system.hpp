@@ -25,7 +25,7 @@ namespace dynslam::slam {
 enum class TrackingState {
   kNotInitialized,  ///< no map yet: the frame had too few features with depth
   kTracked,         ///< pose from the last frame and the map
-  kRelocalized,     ///< was lost; found again by its look alone
+  kRelocalized,     ///< found again by its look alone, or farther off than a camera can move
   kLost,            ///< no pose
 };
 
