@@ -39,9 +39,7 @@ struct PageHead {
   std::uint32_t bytes, checksum;
 };
 
-std::uint64_t head_checksum(const Head& head) {
-  return checksum(&head, offsetof(Head, checksum));
-}
+std::uint64_t head_checksum(const Head& head) { return checksum(&head, offsetof(Head, checksum)); }
 
 struct MemorySink {
   std::vector<std::uint8_t> bytes;
@@ -142,8 +140,7 @@ void read_images(Source& source, State& state, std::size_t images) {
   source.read(state.scales.data(), 4 * images);
   std::uint64_t sum;
   source.read(&sum, sizeof(sum));
-  if (sum !=
-      checksum(state.scales.data(), 4 * images, checksum(state.ids.data(), 8 * images)))
+  if (sum != checksum(state.scales.data(), 4 * images, checksum(state.ids.data(), 8 * images)))
     refuse(source, "the checksum of the images is wrong");
   state.dead.assign(images, 0);
   state.slot_of.reserve(images);
@@ -206,7 +203,7 @@ void Database::State::write(Sink& sink) const {
   head.scoring = static_cast<std::uint32_t>(scoring);
   head.checksum = head_checksum(head);
   const std::uint64_t sum = checksum(live_scales.data(), 4 * live_scales.size(),
-                                        checksum(live_ids.data(), 8 * live_ids.size()));
+                                     checksum(live_ids.data(), 8 * live_ids.size()));
   sink.write(&head, sizeof(head));
   sink.write(live_ids.data(), 8 * live_ids.size());
   sink.write(live_scales.data(), 4 * live_scales.size());
