@@ -105,6 +105,7 @@ Composition p_static() {
 Composition p_mixed() {
   Composition system{"p-mixed", "masks of mixed attention, improbable matches rejected", true, {}};
   system.options.reject_matches = true;
+  system.options.mapping.keyframe_similarity = 0.6;
   return system;
 }
 

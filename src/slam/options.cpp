@@ -39,6 +39,8 @@ void MappingOptions::validate() const {
           "a share in (0, 1]");
   require(mono_keyframe_share > 0.0 && mono_keyframe_share <= 1.0, kName, "mono_keyframe_share",
           mono_keyframe_share, "a share in (0, 1]");
+  require(keyframe_similarity >= 0.0 && keyframe_similarity <= 1.0, kName, "keyframe_similarity",
+          keyframe_similarity, "a share in [0, 1]");
   require(max_frames >= 1, kName, "max_frames", max_frames, "at least 1");
   require(min_frames >= 0, kName, "min_frames", min_frames, "at least 0");
   require(bundle_keyframes >= 1, kName, "bundle_keyframes", bundle_keyframes, "at least 1");

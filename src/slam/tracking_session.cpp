@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <utility>
 
+#include "keyframe_similarity.hpp"
 #include "stopwatch.hpp"
 
 namespace dynslam::slam {
@@ -18,11 +19,12 @@ constexpr double kRestartAfter = 1.0;  // seconds lost after which a map of few 
 constexpr std::size_t kRestartKeyframes = 3;
 // What takes a camera farther from where it was expected is no motion: five g and a flick of the
 // wrist, beside errors of the pose, which grow with the distance of what is seen.
-constexpr double kMaxAcceleration = 50.0;  // m/s^2
-constexpr double kMaxTurn = 200.0;         // rad/s^2
-constexpr double kPoseNoise = 0.05;        // share of the median depth, and radians
-constexpr int kWantedPoints = 100;         // a frame that tracks fewer, and could have
-constexpr int kSparePoints = 70;           // so many more, becomes a keyframe
+constexpr double kMaxAcceleration = 50.0;      // m/s^2
+constexpr double kMaxTurn = 200.0;             // rad/s^2
+constexpr double kPoseNoise = 0.05;            // share of the median depth, and radians
+constexpr int kWantedPoints = 100;             // a frame that tracks fewer, and could have
+constexpr int kSparePoints = 70;               // so many more, becomes a keyframe
+constexpr std::size_t kComparedKeyframes = 3;  // that a frame must look unlike to be new
 
 }  // namespace
 
@@ -182,6 +184,19 @@ void TrackingSession::restart_if_hopeless() {
   state_ = TrackingState::kNotInitialized;
 }
 
+// Whether the frame looks less like the keyframes around than like the frame before.
+bool TrackingSession::looks_new() const {
+  const Map& map = shared_.map;
+  const KeyframeId reference = shared_.log.reference;
+  std::vector<KeyframeId> around = map.covisible_keyframes(reference, kComparedKeyframes - 1);
+  around.push_back(reference);
+  const double threshold =
+      options_.mapping.keyframe_similarity * similarity(*current_.features, *last_.features);
+  return std::all_of(around.begin(), around.end(), [&](KeyframeId id) {
+    return similarity(*current_.features, *map.keyframe(id).features) < threshold;
+  });
+}
+
 bool TrackingSession::wants_keyframe(int inliers) const {
   if (options_.localize_only) return false;
   if (!backend_.accepts_keyframe()) return false;
@@ -198,9 +213,11 @@ bool TrackingSession::wants_keyframe(int inliers) const {
   for (std::size_t i = 0; i < current_.points.size(); ++i) {
     if (current_.points[i] == kNoId && current_.features->depths[i] > 0.0F) ++spare;
   }
+  if (inliers < kWantedPoints && spare > kSparePoints) return true;
+  if (options_.mapping.keyframe_similarity > 0.0) return looks_new();
   const double share = options_.sensor == Sensor::kMono ? options_.mapping.mono_keyframe_share
                                                         : options_.mapping.keyframe_share;
-  return inliers < share * reference_points || (inliers < kWantedPoints && spare > kSparePoints);
+  return inliers < share * reference_points;
 }
 
 void TrackingSession::make_keyframe(FrameResult& result, TrackingLock& lock) {

@@ -47,6 +47,7 @@ class TrackingSession {
   std::vector<KeyframeId> relocalization_candidates();
   void restart_if_hopeless();
   bool wants_keyframe(int inliers) const;
+  bool looks_new() const;
   void make_keyframe(FrameResult& result, TrackingLock& lock);
   void find_movers(FrameResult& result, TrackingLock& lock);
   /// Whether the frame is elsewhere than any motion since the last one could have taken it.

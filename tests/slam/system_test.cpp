@@ -161,6 +161,22 @@ TEST(System, NoFeatureAndNoMapPointLiesUnderTheMask) {
   }
 }
 
+TEST(System, MakesKeyframesOfFramesThatLookNewWhenAskedTo) {
+  SystemOptions options = make_system().options();
+  options.mapping.max_frames = 1000;
+  const auto keyframes_at = [&](double similarity) {
+    options.mapping.keyframe_similarity = similarity;
+    System system(dataset::scene_camera(320, 240), options);
+    for (const dataset::Frame& frame : frames_of("room_still")) system.track(input_of(frame));
+    EXPECT_EQ(system.trajectory().size(), kFrames);
+    EXPECT_LT(ate(system, frames_of("room_still")), 0.015);
+    return system.map().keyframes_made();
+  };
+  const std::size_t few = keyframes_at(0.3), more = keyframes_at(0.8);
+  EXPECT_GE(few, 1U);
+  EXPECT_GT(more, few);
+}
+
 TEST(System, TellsWhatBecameOfEveryFeature) {
   SystemOptions options = make_system().options();
   options.geometry = true;

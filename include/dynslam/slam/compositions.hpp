@@ -56,8 +56,9 @@ Composition p_yolo();
 /// the problem rather than parameters of it, which has the same optimum.
 Composition p_static();
 
-/// Masks of a network with mixed attention, matches with improbable displacements rejected
-/// (P-Mixed, sections 2 and 3.2). Any segmenter will do; `dynslam fuse` makes the attention fast.
+/// Masks of a network with mixed attention, matches with improbable displacements rejected, frames
+/// that look new made keyframes (P-Mixed, sections 2 and 3.2). Any segmenter will do; `dynslam
+/// fuse` makes the attention fast.
 Composition p_mixed();
 
 /// The names of the four, in the order above.

@@ -62,6 +62,11 @@ struct MappingOptions {
   /// The same with Sensor::kMono, (0, 1]: new points need two keyframes there. Engineering (field's
   /// habit: 0.9).
   double mono_keyframe_share = 0.90;
+  /// Choose keyframes by their looks instead (P-Mixed section 2): a frame becomes one when its
+  /// similarity to each of the keyframes around is below this share of its similarity to the frame
+  /// before, [0, 1]; 0 switches that off. Similarity: share of features found again by descriptor
+  /// alone. The division makes one number serve sharp and blurred, rich and poor images.
+  double keyframe_similarity = 0.0;
   /// Most frames between keyframes, >= 1 (field's habit: one second).
   int max_frames = 15;
   /// Fewest frames between keyframes, >= 0.
