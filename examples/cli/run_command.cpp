@@ -26,19 +26,29 @@ struct Flags {
   RunFlags run;
   std::filesystem::path out;
   std::vector<std::string> compare;  ///< further systems, run on the same frames
+  bool ablation = false;             ///< the system without each of its parts as well
   int runs = 1;
   bool json = false;
 };
 
+// "p-static" or "p-static without mask".
+std::string label_of(const Json& summary) {
+  std::string label = summary["system"];
+  for (const Json& part : summary["without"]) {
+    label += (label == summary["system"] ? " without " : ", ") + part.get<std::string>();
+  }
+  return label;
+}
+
 void print_row(const Json& summary) {
   const std::size_t frames = summary["frames"];
-  std::printf("%-10s  %5zu / %-5zu  %12.4f  %14.1f\n", summary["system"].get<std::string>().c_str(),
+  std::printf("%-26s  %5zu / %-5zu  %12.4f  %14.1f\n", label_of(summary).c_str(),
               summary["tracked"].get<std::size_t>(), frames, ate_rmse(summary),
               summary["time_ms"]["frame"]["median"].get<double>());
 }
 
 void print_table(const Json& summary) {
-  std::printf("%-10s  %13s  %12s  %14s\n", "system", "tracked", "ATE RMSE, m", "ms a frame");
+  std::printf("%-26s  %13s  %12s  %14s\n", "system", "tracked", "ATE RMSE, m", "ms a frame");
   print_row(summary);
   for (const Json& other : summary["compare"]) print_row(other);
 }
@@ -87,6 +97,24 @@ void note_absent_parts(const RunFlags& flags) {
   }
 }
 
+// Further systems, and what is left of this one without each of its parts.
+std::vector<RunFlags> compared_with(const Flags& flags) {
+  RunFlags plain = flags.run;
+  plain.video.clear();
+  plain.show = false;
+  std::vector<RunFlags> others;
+  for (const std::string& system : flags.compare) {
+    others.push_back(plain);
+    others.back().system = system;
+  }
+  if (!flags.ablation) return others;
+  for (const slam::Part part : composition_of(plain).parts()) {
+    others.push_back(plain);
+    others.back().without.emplace_back(to_string(part));
+  }
+  return others;
+}
+
 int run(Flags flags) {
   flags.input.stereo = flags.run.sensor == slam::to_string(slam::Sensor::kStereo);
   std::unique_ptr<dataset::Sequence> sequence = open_sequence(flags.input);
@@ -113,14 +141,10 @@ int run(Flags flags) {
   if (flags.runs > 1) add_runs(summary, summaries);
   write_run(flags.out, outcome);
   std::vector<evaluation::RunRecord> others;
-  for (const std::string& system : flags.compare) {
-    RunFlags other = flags.run;
-    other.system = system;
-    other.video.clear();
-    other.show = false;
+  for (const RunFlags& other : compared_with(flags)) {
     const RunOutcome compared = run_system(*sequence, other);
-    others.push_back(to_record(system, compared));
     summary["compare"].push_back(summarize(*sequence, other, compared));
+    others.push_back(to_record(label_of(summary["compare"].back()), compared));
   }
   const std::string problem = write_html(flags.out, *sequence, flags.run, outcome, others);
   if (!problem.empty()) std::cerr << "dynslam: report without plots: " << problem << '\n';
@@ -136,7 +160,7 @@ int run(Flags flags) {
     std::cout << summary.dump(2) << '\n';
   } else {
     print_summary(summary);
-    if (!flags.compare.empty()) print_table(summary);
+    if (summary.contains("compare")) print_table(summary);
     std::cout << (flags.out / "report.html").string() << '\n';
   }
   return 0;
@@ -174,6 +198,8 @@ CLI::App* add_run_command(CLI::App& app, std::function<int()>& work) {
   command->add_option("--compare", flags->compare, "further systems on the same frames, as a table")
       ->delimiter(',')
       ->check(CLI::IsMember(slam::composition_names()));
+  command->add_flag("--ablation", flags->ablation,
+                    "run it without each of its parts as well, as a table");
   command->add_option("--runs", flags->runs, "repeat; scenes get the next seed each time")
       ->check(CLI::Range(1, 1000))
       ->capture_default_str();

@@ -99,15 +99,15 @@ evaluation::Alignment alignment_of(const RunOutcome& outcome) {
 void write_frames(const fs::path& path, const RunOutcome& outcome) {
   std::ostringstream out;
   out.imbue(std::locale::classic());
-  out << "frame,timestamp,state,features,inliers,masked_share,mask_age,moving_features,moving_"
-         "share,"
-         "keyframe,loops,extract_ms,match_ms,segment_ms,geometry_ms,optimize_ms,map_ms,loop_ms,"
-         "total_ms\n";
+  out << "frame,timestamp,state,features,inliers,masked_share,mask_age,moving_features,"
+         "moving_share,rejected_features,keyframe,loops";
+  for (const Stage& stage : kStages) out << ',' << stage.name << "_ms";
+  out << ",total_ms\n";
   for (const FrameRow& row : outcome.rows) {
     out << row.index << ',' << format("%.6f", row.timestamp) << ',' << row.state << ','
         << row.features << ',' << row.inliers << ',' << format("%.4f", row.masked_share) << ','
         << row.mask_age << ',' << row.moving_features << ',' << format("%.4f", row.moving_share)
-        << ',' << (row.keyframe ? 1 : 0) << ',' << row.loops;
+        << ',' << row.rejected_features << ',' << (row.keyframe ? 1 : 0) << ',' << row.loops;
     for (const Stage& stage : kStages) out << ',' << format("%.3f", stage.of(row));
     out << ',' << format("%.3f", row.total_ms);
     out << '\n';
@@ -171,6 +171,7 @@ Json summarize(const dataset::Sequence& sequence, const RunFlags& flags,
   Json json = {{"sequence", sequence.name()},
                {"system", flags.system},
                {"sensor", slam::to_string(outcome.system->options().sensor)},
+               {"without", flags.without},
                {"segmenter", flags.segmenter},
                {"frames", sequence.size()},
                {"tracked", outcome.tracked()},

@@ -34,6 +34,12 @@ factors::WeightMode weight_mode(const std::string& solver) {
   return factors::WeightMode::kEliminated;
 }
 
+int count_rejected(const slam::System& system) {
+  const std::vector<slam::FeatureVerdict> verdicts = system.features().verdicts;
+  return static_cast<int>(
+      std::count(verdicts.begin(), verdicts.end(), slam::FeatureVerdict::kRejected));
+}
+
 FrameRow process(const dataset::Frame& frame, MaskSource& masks, slam::System& system,
                  LiveView& view) {
   const Clock::time_point start = Clock::now();
@@ -53,6 +59,7 @@ FrameRow process(const dataset::Frame& frame, MaskSource& masks, slam::System& s
   row.ms = result.ms;
   row.background = result.background;
   row.total_ms = milliseconds_since(start);
+  row.rejected_features = count_rejected(system);
   view.add(frame, mask, row, result, system);
   return row;
 }

@@ -57,6 +57,7 @@ struct FrameRow {
   int inliers = 0;
   std::size_t loops = 0;      ///< closed so far
   int moving_features = 0;    ///< let go by geometry
+  int rejected_features = 0;  ///< whose match disagreed with the pose
   double moving_share = 0.0;  ///< of the image, by geometry
   double masked_share = 0.0;
   int mask_age = 0;  ///< frames since the image that the mask was made from; -1: no mask

@@ -63,6 +63,16 @@ rmse() { sed -n 's/.*"rmse": *\([0-9.e-]*\).*/\1/p' "$1" | head -n 1; }
 awk -v a="$(rmse ate.json)" -v b="$(rmse out/summary.json)" \
   'BEGIN { d = a - b; exit !(d < 1e-6 && d > -1e-6) }' || complain "eval and run disagree"
 
+# What the system is worth without each of its parts.
+"$dynslam" run --tum scene --segmenter truth --sequential --ablation --out out-parts >table \
+  2>stderr || complain "run --ablation: $(cat stderr)"
+for part in mask geometry weights loops; do
+  grep -q "p-static without $part  *12" table || complain "no row without $part: $(cat table)"
+done
+grep -q 'p-static without mask' out-parts/report.html || complain "no ablation in the report"
+head -n 1 out/frames.csv | grep -q 'state,features,inliers,.*mask_age,moving_features,.*rejected' ||
+  complain "frames.csv lacks columns"
+
 # A film of the run, in both formats; and what is in the way of one.
 for film in film.avi film.mp4; do
   "$dynslam" run --tum scene --system p-static --segmenter truth --video "$film" --out out-film \
