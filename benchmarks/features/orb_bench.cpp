@@ -1,8 +1,6 @@
 // OrbExtractor against cv::ORB: same image, same budget, one thread, alternating in the same run.
 #include <algorithm>
 #include <chrono>
-#include <cstdlib>
-#include <filesystem>
 #include <functional>
 #include <set>
 #include <string>
@@ -16,6 +14,7 @@
 #include "dynslam/core/opencv.hpp"
 #include "dynslam/features/orb.hpp"
 
+#include "data_images.hpp"
 #include "features/support.hpp"
 
 namespace dynslam::features {
@@ -28,14 +27,7 @@ struct Picture {
 
 /// The n-th picture of a folder in the order of the names; empty if there is none.
 cv::Mat picture_of(const std::string& folder, std::size_t n) {
-  const char* chosen = std::getenv("DYNSLAM_DATA");
-  const std::filesystem::path base = chosen != nullptr ? chosen : DYNSLAM_DEFAULT_DATA_DIR;
-  std::error_code error;
-  std::vector<std::string> names;
-  for (const auto& entry : std::filesystem::directory_iterator(base / folder, error)) {
-    names.push_back(entry.path().string());
-  }
-  std::sort(names.begin(), names.end());
+  const std::vector<std::string> names = benchmark_data::names_in(folder);
   return n < names.size() ? cv::imread(names[n], cv::IMREAD_GRAYSCALE) : cv::Mat();
 }
 

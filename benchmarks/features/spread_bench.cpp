@@ -1,8 +1,5 @@
 // What spreading costs and gives: matches between two frames of a real sequence that a fundamental
 // matrix explains, and the cells of a 16 x 12 grid that hold one. Times are of the extraction.
-#include <algorithm>
-#include <cstdlib>
-#include <filesystem>
 #include <functional>
 #include <memory>
 #include <set>
@@ -18,20 +15,15 @@
 #include "dynslam/features/matcher.hpp"
 #include "dynslam/features/orb.hpp"
 
+#include "data_images.hpp"
+
 namespace dynslam::features {
 namespace {
 
 constexpr std::size_t kPairs = 20;
 
 std::vector<cv::Mat> sequence(const std::string& folder, std::size_t step) {
-  const char* chosen = std::getenv("DYNSLAM_DATA");
-  const std::filesystem::path base = chosen != nullptr ? chosen : DYNSLAM_DEFAULT_DATA_DIR;
-  std::error_code error;
-  std::vector<std::string> names;
-  for (const auto& entry : std::filesystem::directory_iterator(base / folder, error)) {
-    names.push_back(entry.path().string());
-  }
-  std::sort(names.begin(), names.end());
+  const std::vector<std::string> names = benchmark_data::names_in(folder);
   std::vector<cv::Mat> images;
   for (std::size_t i = 0; i < names.size() && images.size() <= kPairs; i += step) {
     images.push_back(cv::imread(names[i], cv::IMREAD_GRAYSCALE));
