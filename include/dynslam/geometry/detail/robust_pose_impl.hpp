@@ -7,6 +7,7 @@
 #include <string>
 
 #include "dynslam/core/errors.hpp"
+#include "dynslam/geometry/detail/rigid_refine.hpp"
 #include "dynslam/geometry/detail/rigid_search.hpp"
 
 namespace dynslam::geometry {
