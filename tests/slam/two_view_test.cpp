@@ -98,7 +98,8 @@ TEST(TwoView, TakesTheHomographyOfAWall) {
 
 TEST(TwoView, StandsFortyPercentOfOutliers) {
   for (const Scene scene : {Scene::kRoom, Scene::kWall}) {
-    const Matches matches(scene, kAside, 0.4);
+    SCOPED_TRACE(scene == Scene::kRoom ? "room" : "wall");
+    const Matches matches(scene, kAside, 0.4, 600);
     expect_motion(matches, matches.reconstruct(), 1.0);
   }
 }
