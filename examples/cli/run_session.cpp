@@ -149,8 +149,8 @@ RunOutcome run_system(const dataset::Sequence& sequence, const RunFlags& flags) 
   RunOutcome outcome;
   loop::Vocabulary vocabulary;
   if (!flags.vocabulary.empty()) vocabulary = loop::load_vocabulary(flags.vocabulary);
-  outcome.system = std::make_unique<slam::System>(sequence.camera(), options,
-                                                  std::move(vocabulary));
+  outcome.system =
+      std::make_unique<slam::System>(sequence.camera(), options, std::move(vocabulary));
   if (!flags.load.empty()) outcome.system->start_from(slam::load_map(flags.load));
   MaskSource masks(flags, sequence);
   LiveView view(flags, sequence);

@@ -90,8 +90,8 @@ struct RunOutcome {
   std::size_t tracked() const { return count("tracked") + count("relocalized"); }
 };
 
-/// What the system is to use of the sequence's frames. Throws InvalidArgument when the flags ask for
-/// what the sequence lacks.
+/// What the system is to use of the sequence's frames. Throws InvalidArgument when the flags ask
+/// for what the sequence lacks.
 slam::Sensor choose_sensor(const RunFlags& flags, const dataset::Sequence& sequence);
 
 /// Throws InvalidArgument in the name of `command` for a sequence without depth images.

@@ -22,8 +22,8 @@ void seal(std::vector<std::uint8_t>& bytes) {
   if (images > bytes.size() / 12) return;
   std::size_t at = 48 + 12 * images;
   if (at + 8 > bytes.size()) return;
-  sum = checksum(bytes.data() + 48 + 8 * images, 4 * images,
-                    checksum(bytes.data() + 48, 8 * images));
+  sum =
+      checksum(bytes.data() + 48 + 8 * images, 4 * images, checksum(bytes.data() + 48, 8 * images));
   std::memcpy(bytes.data() + at, &sum, 8);
   at += 8;
   while (at + 8 <= bytes.size()) {
