@@ -42,9 +42,9 @@ void FrameLog::let_go_of_map(const Map& map) {
 
 std::optional<RigidTransform> FrameLog::last_pose(const Map& map) const {
   if (records_.empty()) return std::nullopt;
-  const KeyframeId reference = records_.back().reference;
-  if (reference == kNoId || reference == kWorld) return std::nullopt;
-  return pose_of(map, records_.back());
+  const Record& last = records_.back();
+  if (last.reference == kNoId || last.reference == kWorld) return std::nullopt;
+  return pose_of(map, last);
 }
 
 std::optional<RigidTransform> FrameLog::latest_pose(const Map& map) const {
