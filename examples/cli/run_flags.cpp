@@ -20,7 +20,7 @@ void add_tracking_flags(CLI::App& command, RunFlags& flags) {
   command.add_flag("--realtime", flags.realtime,
                    "feed frames at their own times and drop what comes while busy");
   command.add_flag("--async", flags.beside,
-                   "segment beside tracking, as --realtime does, and carry masks forward");
+                   "segment beside tracking, at the pace of the camera, but drop no frame");
   command.add_flag("--sequential", flags.sequential, "one thread, repeatable bit for bit");
 }
 

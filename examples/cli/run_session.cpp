@@ -64,16 +64,18 @@ FrameRow process(const dataset::Frame& frame, MaskSource& masks, slam::System& s
   return row;
 }
 
-// The frame that a camera would deliver now, when frames wait for nobody.
+// Returns when a camera would have delivered the frame; at once if that was earlier.
+void wait_for_frame(const dataset::Sequence& sequence, std::size_t frame, Clock::time_point start) {
+  const std::chrono::duration<double> arrival(sequence.timestamp(frame) - sequence.timestamp(0));
+  std::this_thread::sleep_until(start + std::chrono::duration_cast<Clock::duration>(arrival));
+}
+
+// The newest frame that a camera has delivered by now, at least `next`.
 std::size_t due_frame(const dataset::Sequence& sequence, std::size_t next,
                       Clock::time_point start) {
-  const double first = sequence.timestamp(0);
-  const auto arrival = [&](std::size_t i) { return sequence.timestamp(i) - first; };
   const double now = std::chrono::duration<double>(Clock::now() - start).count();
-  while (next + 1 < sequence.size() && arrival(next + 1) <= now) ++next;
-  if (arrival(next) > now) {
-    std::this_thread::sleep_for(std::chrono::duration<double>(arrival(next) - now));
-  }
+  const double first = sequence.timestamp(0);
+  while (next + 1 < sequence.size() && sequence.timestamp(next + 1) - first <= now) ++next;
   return next;
 }
 
@@ -164,6 +166,7 @@ RunOutcome run_system(const dataset::Sequence& sequence, const RunFlags& flags) 
       for (; next < due; ++next) outcome.rows.push_back(missing_row(sequence, next, "dropped"));
       frames.skip_to(next);
     }
+    if (flags.realtime || flags.asynchronous()) wait_for_frame(sequence, next, start);
     while (next * 4 >= (outcome.memory_mb.size() + 1) * sequence.size()) {
       outcome.memory_mb.push_back(resident_memory_mb());
     }

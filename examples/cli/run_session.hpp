@@ -33,7 +33,7 @@ struct RunFlags {
   std::string solver = "eliminated";  ///< of the weights: fixed, joint or eliminated
   std::vector<std::string> without;   ///< names of the slam::Parts that are left out
   bool realtime = false;
-  bool beside = false;  ///< segment on a thread of its own although frames wait
+  bool beside = false;  ///< segment on a thread of its own, at the pace of the camera
   bool sequential = false;
   std::string video;           ///< file for what the system sees; empty: none
   bool show = false;           ///< the same in a window
