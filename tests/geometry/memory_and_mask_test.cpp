@@ -240,6 +240,49 @@ TEST_F(RegionGrow, ABandWithoutDepthGoesToWhatItLooksLike) {
                InvalidArgument);
 }
 
+// A table's edge 0.9 m away hides rows 260 to 299.
+class RegionGrowBehindATable : public RegionGrow {
+ protected:
+  RegionGrowBehindATable() {
+    const std::size_t first = 260 * 640, last = 300 * 640;
+    std::fill(depth_.begin() + first, depth_.begin() + last, 0.9F);
+    std::fill(truth_.begin() + first, truth_.begin() + last, std::uint8_t{0});
+  }
+  bool masked(int x, int y) const { return mask_[static_cast<std::size_t>(y * 640 + x)] != 0; }
+  float& depth(int x, int y) { return depth_[static_cast<std::size_t>(y * 640 + x)]; }
+};
+
+TEST_F(RegionGrowBehindATable, LegsTakeAfterTheBodyAboveIt) {
+  evidence_ = cells_of(depth_);
+  set_cells(evidence_, truth_, 2.0F, -1.0F);
+  std::vector<std::uint8_t> legs = truth_;
+  std::fill(legs.begin(), legs.begin() + 300 * 640, std::uint8_t{0});
+  for (int y = 75; y < evidence_.height; ++y) {  // never seen before
+    for (int x = 0; x < evidence_.width; ++x) {
+      float& l = evidence_.log_odds[static_cast<std::size_t>(y * evidence_.width + x)];
+      if (l > 0.0F) l = 0.0F;
+    }
+  }
+  grow();
+  EXPECT_GT(share(mask_, legs, 255), 0.95);
+  EXPECT_LT(share(mask_, truth_, 0), 0.02);
+  RegionGrowOptions alone;
+  alone.completion = 0.0;
+  grow(alone);
+  EXPECT_LT(share(mask_, legs, 255), 0.05);
+}
+
+TEST_F(RegionGrowBehindATable, AGapSmallerThanACellShowsWhatIsBehind) {
+  depth(400, 280) = depth(401, 280) = depth(400, 281) = depth(401, 281) = depth(400, 200);  // body
+  depth(100, 280) = depth(101, 280) = depth(100, 281) = depth(101, 281) = depth(100, 200);  // wall
+  evidence_ = cells_of(depth_);
+  set_cells(evidence_, truth_, 2.0F, -1.0F);
+  grow();
+  EXPECT_TRUE(masked(400, 280) && masked(401, 281));
+  EXPECT_FALSE(masked(398, 280) || masked(404, 280));
+  EXPECT_FALSE(masked(100, 280) || masked(101, 281));
+}
+
 TEST_F(RegionGrow, DropsSpeckles) {
   set_cells(evidence_, truth_, -1.0F, -1.0F);
   for (const int i : {3000, 3001, 9000}) {
@@ -330,6 +373,9 @@ TEST_F(RegionGrow, RefusesEachInvalidOption) {
   EXPECT_THROW(grow(options), InvalidArgument);
   options = O();
   options.feature_weight = -1.0;
+  EXPECT_THROW(grow(options), InvalidArgument);
+  options = O();
+  options.completion = -1.0;
   EXPECT_THROW(grow(options), InvalidArgument);
 }
 

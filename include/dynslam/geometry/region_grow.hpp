@@ -23,7 +23,9 @@ struct RegionGrowOptions {
   int min_cells = 12;       ///< smaller dynamic patches are noise, >= 1
   double decision = 0.4;    ///< shared log-odds that makes a cell dynamic, > 0
   double feature_weight = 4.0;  ///< cells' worth of a feature's verdict, >= 0; engineering
-  int dilate = 0;               ///< pixels that the mask is grown at the end, >= 0
+  double completion = 1.0;      ///< log-odds, >= 0: what the surfaces that continue a region behind
+                            ///< something add to it; surer regions are not asked about; engineering
+  int dilate = 0;  ///< pixels that the mask is grown at the end, >= 0
 
   void validate() const;
 };
@@ -32,7 +34,7 @@ struct RegionGrowOptions {
 struct RegionGrowWorkspace {
   std::vector<float> sum, weight, gain, right, down;
   std::vector<std::uint8_t> label, line;
-  std::vector<int> region, queue;
+  std::vector<int> region, queue, strays;
 };
 
 /// Fills the mask of what moves (255) from cell evidence and, optionally, feature verdicts.
@@ -40,10 +42,12 @@ struct RegionGrowWorkspace {
 /// Evidence is shared between cells along connected depth (a recursive edge-aware filter over the
 /// grid), so that holes and cells that a mover's own former image made look static are outvoted by
 /// their surroundings, while floor and walls outvote what leaks onto them. Then regions between
-/// depth edges that are mostly dynamic are filled, and small patches removed. The mask is brought
-/// to full resolution along depth edges: a pixel takes the label of the neighbouring cell nearest
-/// in depth; a pixel without depth that of its cell or, given the grey image `guide`, that of the
-/// pixels with depth around it that look like it: depth is missing along contours above all.
+/// depth edges that are mostly dynamic are filled, and small patches removed. Regions of which
+/// little is known take after what continues them at the same depth behind nearer surfaces (legs
+/// under a table). The mask is brought to full resolution along depth edges: a pixel takes the
+/// label of the neighbouring cell nearest in depth, one seen through a gap that of what it
+/// continues; a pixel without depth that of its cell or, given the grey image `guide`, that of the
+/// side of the contour that it touches and looks like: depth is missing along contours above all.
 ///
 /// `depth`: full resolution, metres; `mask`, and `guide` unless empty: same size.
 /// `pixels`/`verdicts`: features whose log-odds are added to their cells; may be empty. Returns the

@@ -7,6 +7,8 @@
 #include <string>
 
 #include "dynslam/core/errors.hpp"
+#include "dynslam/geometry/detail/mask_painting.hpp"
+#include "dynslam/geometry/detail/region_completion.hpp"
 #include "dynslam/geometry/detail/surface_links.hpp"
 
 namespace dynslam::geometry {
@@ -22,6 +24,8 @@ inline void RegionGrowOptions::validate() const {
   require(std::isfinite(decision) && decision > 0.0, me, "decision", decision, "a positive number");
   require(std::isfinite(feature_weight) && feature_weight >= 0.0, me, "feature_weight",
           feature_weight, "a finite number >= 0");
+  require(std::isfinite(completion) && completion >= 0.0, me, "completion", completion,
+          "a finite number >= 0");
   require(dilate >= 0, me, "dilate", dilate, "a number of pixels >= 0");
 }
 
@@ -41,7 +45,7 @@ inline void fill_regions(const DepthEvidence& e, const RegionGrowOptions& o,
     int dynamic = 0, judged = 0;
     for (const int i : w.queue) {
       const std::size_t k = static_cast<std::size_t>(i);
-      judged += w.weight[k] > 0.05F ? 1 : 0;
+      judged += w.weight[k] > kJudged ? 1 : 0;
       dynamic += w.label[k] != 0 ? 1 : 0;
     }
     if (dynamic < o.fill_share * judged || dynamic == 0) continue;
@@ -87,101 +91,6 @@ inline void close_holes(const DepthEvidence& e, RegionGrowWorkspace& w) {
         if (asked == 0) continue;
         w.label[i] = 3 * dynamic > 2 * asked ? 255 : 0;
         w.region[i] = ring;
-      }
-    }
-  }
-}
-
-/// Label of the cell around (cx, cy) that is nearest in depth to z.
-inline std::uint8_t nearest_label(const DepthEvidence& e, const RegionGrowWorkspace& w, int cx,
-                                  int cy, float z) {
-  float best = 1e9F;
-  std::uint8_t label = w.label[static_cast<std::size_t>(cy) * e.width + cx];
-  for (int y = std::max(0, cy - 1); y <= std::min(e.height - 1, cy + 1); ++y) {
-    for (int x = std::max(0, cx - 1); x <= std::min(e.width - 1, cx + 1); ++x) {
-      const std::size_t i = static_cast<std::size_t>(y) * e.width + x;
-      if (e.depth[i] <= 0.0F) continue;
-      const float away = std::abs(e.depth[i] - z) + (x == cx && y == cy ? 0.0F : 0.01F);
-      if (away < best) {
-        best = away;
-        label = w.label[i];
-      }
-    }
-  }
-  return label;
-}
-
-/// Whether a cell and its neighbours agree, so that its pixels need no second look.
-inline bool uniform(const DepthEvidence& e, const RegionGrowWorkspace& w, int cx, int cy) {
-  const std::uint8_t label = w.label[static_cast<std::size_t>(cy) * e.width + cx];
-  for (int y = std::max(0, cy - 1); y <= std::min(e.height - 1, cy + 1); ++y) {
-    for (int x = std::max(0, cx - 1); x <= std::min(e.width - 1, cx + 1); ++x) {
-      if (w.label[static_cast<std::size_t>(y) * e.width + x] != label) return false;
-    }
-  }
-  return true;
-}
-
-/// Label of a pixel without depth: the pixels with depth around it vote by likeness and nearness.
-inline std::uint8_t alike_label(ImageView<const float> depth, ImageView<const std::uint8_t> guide,
-                                ImageView<const std::uint8_t> mask, int x, int y,
-                                std::uint8_t fallback) {
-  constexpr int kReach = 10;          // pixels
-  constexpr float kLikeness = 12.0F;  // grey levels
-  constexpr int kSteps[8][2] = {{1, 0}, {-1, 0},  {0, 1},  {0, -1},
-                                {1, 1}, {-1, -1}, {1, -1}, {-1, 1}};
-  float dynamic = 0.0F, total = 0.0F;
-  for (const auto& step : kSteps) {
-    for (int i = 1; i <= kReach; ++i) {
-      const int u = x + i * step[0], v = y + i * step[1];
-      if (!depth.contains(u, v)) break;
-      if (!has_depth(depth(u, v))) continue;
-      const float unlike = static_cast<float>(std::abs(guide(u, v) - guide(x, y))) / kLikeness;
-      const float vote = 1.0F / ((1.0F + unlike * unlike) * static_cast<float>(1 + i));
-      total += vote;
-      dynamic += mask(u, v) != 0 ? vote : 0.0F;
-      break;
-    }
-  }
-  if (total == 0.0F) return fallback;
-  return 2.0F * dynamic > total ? 255 : 0;
-}
-
-/// Gives the pixels without depth along the mask's border their labels.
-inline void settle_holes(ImageView<const float> depth, const DepthEvidence& e,
-                         const RegionGrowWorkspace& w, ImageView<const std::uint8_t> guide,
-                         ImageView<std::uint8_t> mask) {
-  for (int cy = 0; cy < e.height; ++cy) {
-    for (int cx = 0; cx < e.width; ++cx) {
-      if (uniform(e, w, cx, cy)) continue;
-      for (int y = cy * e.stride; y < std::min((cy + 1) * e.stride, mask.height); ++y) {
-        for (int x = cx * e.stride; x < std::min((cx + 1) * e.stride, mask.width); ++x) {
-          if (has_depth(depth(x, y))) continue;
-          mask(x, y) =
-              alike_label(depth, guide, {mask.data, mask.width, mask.height, mask.stride_bytes}, x,
-                          y, mask(x, y));
-        }
-      }
-    }
-  }
-}
-
-inline void paint(ImageView<const float> depth, const DepthEvidence& e,
-                  const RegionGrowWorkspace& w, ImageView<std::uint8_t> mask) {
-  for (int cy = 0; cy < e.height; ++cy) {
-    const int y0 = cy * e.stride, y1 = std::min(y0 + e.stride, mask.height);
-    for (int cx = 0; cx < e.width; ++cx) {
-      const int x0 = cx * e.stride, x1 = std::min(x0 + e.stride, mask.width);
-      const std::uint8_t label = w.label[static_cast<std::size_t>(cy) * e.width + cx];
-      if (uniform(e, w, cx, cy)) {
-        for (int y = y0; y < y1; ++y) std::fill(mask.row(y) + x0, mask.row(y) + x1, label);
-        continue;
-      }
-      for (int y = y0; y < y1; ++y) {
-        for (int x = x0; x < x1; ++x) {
-          const float z = depth(x, y);
-          mask(x, y) = has_depth(z) ? nearest_label(e, w, cx, cy, z) : label;
-        }
       }
     }
   }
@@ -267,8 +176,10 @@ inline double grow_regions(ImageView<const float> depth, const DepthEvidence& ev
   }
   detail::fill_regions(evidence, options, w);
   detail::remove_small(evidence, options.min_cells, w);
+  detail::complete_regions(evidence, options, w);
   detail::close_holes(evidence, w);
   detail::paint(depth, evidence, w, mask);
+  detail::settle_strays(depth, evidence, w, mask);
   if (!guide.empty()) detail::settle_holes(depth, evidence, w, guide, mask);
   if (options.dilate > 0) detail::dilate_mask(mask, options.dilate, w);
   return detail::dynamic_share(mask);
