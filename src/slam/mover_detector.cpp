@@ -25,6 +25,7 @@ constexpr int kCoarseness = 4;               // strides of the fine grid between
 
 MoverDetector::MoverDetector(const DepthCamera& camera) : camera_(camera) {
   consistency_options_.stride = kSurfaceCell;
+  grow_options_.completion = 0.0;
 }
 
 void MoverDetector::clear() {
@@ -72,6 +73,18 @@ void MoverDetector::detect(const TrackedFrame& frame,
   masked_share_ = geometry::grow_regions(
       view, evidence_, field(frame.features->keypoints, &cv::KeyPoint::pt), verdicts, grow_options_,
       workspace_, as_view<std::uint8_t>(mask_), as_view<const std::uint8_t>(frame.gray));
+}
+
+const cv::Mat& MoverDetector::complete(const TrackedFrame& frame,
+                                       Span<const geometry::FeatureVerdict> verdicts) {
+  geometry::RegionGrowOptions options = grow_options_;
+  options.completion = geometry::RegionGrowOptions().completion;
+  completed_.create(frame.depth.size(), CV_8UC1);
+  geometry::grow_regions(as_view<const float>(frame.depth), evidence_,
+                         field(frame.features->keypoints, &cv::KeyPoint::pt), verdicts, options,
+                         workspace_, as_view<std::uint8_t>(completed_),
+                         as_view<const std::uint8_t>(frame.gray));
+  return completed_;
 }
 
 void MoverDetector::remember(const cv::Mat& depth, const RigidTransform& T_cam_world,

@@ -41,6 +41,11 @@ class MoverDetector {
   /// Takes the references along when the world is laid out anew.
   void move_world(const RigidTransform& T_before_after);
 
+  /// The mask of the frame that `detect` was last given, with what is likely besides: what
+  /// continues a mover behind something else. For users; tracking loses more by a static feature
+  /// let go than by a moving one, whose weight falls soon.
+  const cv::Mat& complete(const TrackedFrame& frame, Span<const geometry::FeatureVerdict> verdicts);
+
   /// Result of `detect`: CV_8UC1, 0 static, 255 dynamic.
   const cv::Mat& mask() const { return mask_; }
   /// How much more than chance each cell of kSurfaceCell pixels is believed to stand still,
@@ -72,7 +77,7 @@ class MoverDetector {
   geometry::DepthEvidence evidence_, coarse_;
   geometry::CellMemory memory_;
   geometry::RegionGrowWorkspace workspace_;
-  cv::Mat mask_;
+  cv::Mat mask_, completed_;
   double masked_share_ = 0.0;
 };
 

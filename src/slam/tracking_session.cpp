@@ -270,6 +270,7 @@ void TrackingSession::find_movers(FrameResult& result, TrackingLock& lock) {
   without_map(lock, [this] {
     tracks_.judge(current_);
     movers_.detect(current_, tracks_.verdicts());
+    movers_found_ = true;
   });
   result.moving_share = static_cast<float>(movers_.masked_share());
   current_.cell_trust = movers_.trust();
@@ -319,6 +320,7 @@ bool TrackingSession::locate(FrameResult& result, TrackingLock& lock) {
 void TrackingSession::step(FrameResult& result) {
   TrackingLock lock(shared_.mutex);
   follow_corrections();
+  movers_found_ = false;
   const bool first = state_ == TrackingState::kNotInitialized;
   const bool located = locate(result, lock);
   const TrackerTimes times = tracker_.take_times();
@@ -346,6 +348,12 @@ void TrackingSession::step(FrameResult& result) {
   result.loops = backend_.closures().size();
   if (state_ == TrackingState::kLost) restart_if_hopeless();
   std::swap(last_, current_);
+}
+
+MoversView TrackingSession::movers() {
+  const cv::Mat& mask =
+      movers_found_ ? movers_.complete(last_, tracks_.verdicts()) : movers_.mask();
+  return {mask, movers_.judged()};
 }
 
 FrameResult TrackingSession::track(const FrameInput& frame) {

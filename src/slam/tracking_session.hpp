@@ -34,7 +34,7 @@ class TrackingSession {
   /// The map there is was made before: the camera is lost in it. Before the first frame.
   void start_in_known_map();
 
-  MoversView movers() const { return {movers_.mask(), movers_.judged()}; }
+  MoversView movers();
 
  private:
   void step(FrameResult& result);
@@ -70,6 +70,7 @@ class TrackingSession {
   std::size_t frames_since_keyframe_ = 0;
   std::size_t next_candidate_ = 0;  // where the search for a lost frame goes on
   double lost_since_ = 0.0;
+  bool movers_found_ = false;         // in the last frame
   bool known_map_ = false;            // it is not dropped, however long the camera is lost
   RigidTransform T_cam_origin_;       // pose of the frame that a map begins with
   std::optional<Vector6d> velocity_;  // twist of T_cam_last a second

@@ -68,7 +68,9 @@ struct FrameResult {
 
 /// What geometry says about the image of a frame.
 struct MoversView {
-  cv::Mat mask;    ///< CV_8UC1, 255 where something moves; empty without SystemOptions::geometry
+  /// CV_8UC1, 255 where something moves, with what likely belongs to it (behind something else,
+  /// along contours): more than tracking lets go of. Empty without SystemOptions::geometry.
+  cv::Mat mask;
   cv::Mat judged;  ///< CV_8UC1, 255 where there is a verdict, 0 where nothing is known; likewise
 };
 
@@ -126,7 +128,7 @@ class System {
   /// What became of the features of the last frame. O(features), allocates.
   FeaturesView features() const;
 
-  /// What moved in the last frame; shares memory with the system until the next `track`.
+  /// What moved in the last frame; shares memory with the system until the next `track`. 2 ms.
   MoversView movers() const;
 
   /// Goes on with a map made before, and with its world. Until a frame is recognized by its looks

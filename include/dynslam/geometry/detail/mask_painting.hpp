@@ -55,9 +55,33 @@ struct Surroundings {
   }
 };
 
-/// Label of a pixel without depth: does it look like the mover's pixels around it more than like
-/// the others, and how many of them touch it? Contours are where images change, so that looks tell
-/// the sides apart where depth is missing.
+/// Label of a pixel without depth: the pixels with depth around it vote by likeness and nearness.
+inline std::uint8_t voted_label(ImageView<const float> depth, ImageView<const std::uint8_t> guide,
+                                ImageView<std::uint8_t> mask, int x, int y, std::uint8_t fallback) {
+  constexpr int kReach = 10;          // pixels
+  constexpr float kLikeness = 12.0F;  // grey levels
+  constexpr int kSteps[8][2] = {{1, 0}, {-1, 0},  {0, 1},  {0, -1},
+                                {1, 1}, {-1, -1}, {1, -1}, {-1, 1}};
+  float dynamic = 0.0F, total = 0.0F;
+  for (const auto& step : kSteps) {
+    for (int i = 1; i <= kReach; ++i) {
+      const int u = x + i * step[0], v = y + i * step[1];
+      if (!depth.contains(u, v)) break;
+      if (!has_depth(depth(u, v))) continue;
+      const float unlike = static_cast<float>(std::abs(guide(u, v) - guide(x, y))) / kLikeness;
+      const float vote = 1.0F / ((1.0F + unlike * unlike) * static_cast<float>(1 + i));
+      total += vote;
+      dynamic += mask(u, v) != 0 ? vote : 0.0F;
+      break;
+    }
+  }
+  if (total == 0.0F) return fallback;
+  return 2.0F * dynamic > total ? 255 : 0;
+}
+
+/// Label of a pixel without depth, more readily dynamic: does it look like the mover's pixels
+/// around it more than like the others, and how many of them touch it? Contours are where images
+/// change, so that looks tell the sides apart where depth is missing.
 inline std::uint8_t alike_label(ImageView<const float> depth, ImageView<const std::uint8_t> guide,
                                 ImageView<std::uint8_t> mask, int x, int y, std::uint8_t fallback) {
   constexpr int kReach = 3;  // pixels
@@ -81,29 +105,32 @@ inline std::uint8_t alike_label(ImageView<const float> depth, ImageView<const st
 }
 
 /// Gives the pixels of a cell that have no depth their labels.
-inline void settle_cell(ImageView<const float> depth, int stride, int cx, int cy,
-                        ImageView<const std::uint8_t> guide, ImageView<std::uint8_t> mask) {
+template <typename Label>
+void settle_cell(ImageView<const float> depth, int stride, int cx, int cy,
+                 ImageView<const std::uint8_t> guide, const Label& label,
+                 ImageView<std::uint8_t> mask) {
   for (int y = cy * stride; y < std::min((cy + 1) * stride, mask.height); ++y) {
     for (int x = cx * stride; x < std::min((cx + 1) * stride, mask.width); ++x) {
-      if (!has_depth(depth(x, y))) mask(x, y) = alike_label(depth, guide, mask, x, y, mask(x, y));
+      if (!has_depth(depth(x, y))) mask(x, y) = label(depth, guide, mask, x, y, mask(x, y));
     }
   }
 }
 
-/// Gives the pixels without depth along the mask's border their labels.
-inline void settle_holes(ImageView<const float> depth, const DepthEvidence& e,
-                         const RegionGrowWorkspace& w, ImageView<const std::uint8_t> guide,
-                         ImageView<std::uint8_t> mask) {
+/// Gives the pixels without depth along the mask's border, and around strays, their labels.
+template <typename Label>
+void settle_holes(ImageView<const float> depth, const DepthEvidence& e,
+                  const RegionGrowWorkspace& w, ImageView<const std::uint8_t> guide,
+                  const Label& label, ImageView<std::uint8_t> mask) {
   for (int cy = 0; cy < e.height; ++cy) {
     for (int cx = 0; cx < e.width; ++cx) {
-      if (!uniform(e, w, cx, cy)) settle_cell(depth, e.stride, cx, cy, guide, mask);
+      if (!uniform(e, w, cx, cy)) settle_cell(depth, e.stride, cx, cy, guide, label, mask);
     }
   }
   for (const int i : w.strays) {
     const int cx = i % e.width, cy = i / e.width;
     for (int y = std::max(0, cy - 1); y <= std::min(e.height - 1, cy + 1); ++y) {
       for (int x = std::max(0, cx - 1); x <= std::min(e.width - 1, cx + 1); ++x) {
-        settle_cell(depth, e.stride, x, y, guide, mask);
+        settle_cell(depth, e.stride, x, y, guide, label, mask);
       }
     }
   }

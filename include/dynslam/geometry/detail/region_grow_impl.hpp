@@ -176,11 +176,16 @@ inline double grow_regions(ImageView<const float> depth, const DepthEvidence& ev
   }
   detail::fill_regions(evidence, options, w);
   detail::remove_small(evidence, options.min_cells, w);
-  detail::complete_regions(evidence, options, w);
+  const bool complete = options.completion > 0.0;
+  w.strays.clear();
+  if (complete) detail::complete_regions(evidence, options, w);
   detail::close_holes(evidence, w);
   detail::paint(depth, evidence, w, mask);
-  detail::settle_strays(depth, evidence, w, mask);
-  if (!guide.empty()) detail::settle_holes(depth, evidence, w, guide, mask);
+  if (complete) detail::settle_strays(depth, evidence, w, mask);
+  if (!guide.empty()) {
+    const auto label = complete ? detail::alike_label : detail::voted_label;
+    detail::settle_holes(depth, evidence, w, guide, label, mask);
+  }
   if (options.dilate > 0) detail::dilate_mask(mask, options.dilate, w);
   return detail::dynamic_share(mask);
 }
