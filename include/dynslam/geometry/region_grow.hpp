@@ -25,8 +25,8 @@ struct RegionGrowOptions {
   double feature_weight = 4.0;  ///< cells' worth of a feature's verdict, >= 0; engineering
   double completion = 1.0;      ///< log-odds, >= 0: what the surfaces that continue a region behind
                                 ///< something add to it; surer regions are not asked about;
-                            ///< engineering. 0: sure masks only, without what is seen through gaps
-                            ///< and with contours by the vote of both sides
+  ///< engineering. 0: sure masks only, without what is seen through gaps
+  ///< and with contours by the vote of both sides
   int dilate = 0;  ///< pixels that the mask is grown at the end, >= 0
 
   void validate() const;
