@@ -23,10 +23,10 @@ struct RegionGrowOptions {
   int min_cells = 12;       ///< smaller dynamic patches are noise, >= 1
   double decision = 0.4;    ///< shared log-odds that makes a cell dynamic, > 0
   double feature_weight = 4.0;  ///< cells' worth of a feature's verdict, >= 0; engineering
-  double completion = 1.0;      ///< log-odds, >= 0: what the surfaces that continue a region behind
-                                ///< something add to it; surer regions are not asked about;
-  ///< engineering. 0: sure masks only, without what is seen through gaps
-  ///< and with contours by the vote of both sides
+  /// Log-odds, >= 0: what the surfaces that continue a region behind something add to it; surer
+  /// regions are not asked about. 0: sure masks only, without what is seen through gaps and with
+  /// contours by the vote of both sides. Engineering.
+  double completion = 1.0;
   int dilate = 0;  ///< pixels that the mask is grown at the end, >= 0
 
   void validate() const;
