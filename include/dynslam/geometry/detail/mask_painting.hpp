@@ -181,10 +181,10 @@ inline bool settle_gaps(ImageView<const float> depth, const DepthEvidence& e,
   return any;
 }
 
-/// Settles what is smaller than cells and seen through gaps in something static.
+/// Settles what is smaller than cells and seen through gaps in something static; adds those cells
+/// to the strays.
 inline void settle_strays(ImageView<const float> depth, const DepthEvidence& e,
                           RegionGrowWorkspace& w, ImageView<std::uint8_t> mask) {
-  w.strays.clear();
   for (int i = 0; i < e.width * e.height; ++i) {
     if (w.label[static_cast<std::size_t>(i)] != 0) continue;
     if (settle_gaps(depth, e, w, i % e.width, i / e.width, mask)) w.strays.push_back(i);
