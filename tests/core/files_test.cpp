@@ -1,7 +1,6 @@
 #include "dynslam/core/files.hpp"
 
 #include <algorithm>
-#include <csignal>
 #include <cstddef>
 #include <filesystem>
 #include <functional>
@@ -10,7 +9,8 @@
 #include <vector>
 
 #include <gtest/gtest.h>
-#include <sys/resource.h>
+
+#include "full_disk.hpp"
 
 namespace dynslam {
 namespace {
@@ -30,25 +30,6 @@ class Files : public ::testing::Test {
   fs::path folder_ =
       fs::temp_directory_path() / ("dynslam_files_" + std::to_string(::getpid()) +
                                    ::testing::UnitTest::GetInstance()->current_test_info()->name());
-};
-
-// Files may not grow past a limit: the system's answer is that of a full disk.
-class FullDisk {
- public:
-  explicit FullDisk(rlim_t bytes) : handler_(::signal(SIGXFSZ, SIG_IGN)) {
-    ::getrlimit(RLIMIT_FSIZE, &before_);
-    rlimit limit = before_;
-    limit.rlim_cur = bytes;
-    ::setrlimit(RLIMIT_FSIZE, &limit);
-  }
-  ~FullDisk() {
-    ::setrlimit(RLIMIT_FSIZE, &before_);
-    ::signal(SIGXFSZ, handler_);
-  }
-
- private:
-  rlimit before_{};
-  void (*handler_)(int);
 };
 
 std::string error_of(const std::function<void()>& work) {
@@ -91,7 +72,7 @@ TEST_F(Files, LeaveTheOldContentUntilCommitted) {
 TEST_F(Files, AFullDiskIsAnErrorAndLeavesTheOldContent) {
   write_file_atomically(file("a"), "old");
   for (const bool durable : {false, true}) {
-    const FullDisk full(100000);
+    const testing::FullDisk full(100000);
     EXPECT_NE(error_of([&] {
                 write_file_atomically(file("a"), std::string(200000, 'x'), durable);
               }).find(file("a") + ": cannot be written: "),

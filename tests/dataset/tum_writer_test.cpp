@@ -4,17 +4,17 @@
 #include <limits>
 
 #include <gtest/gtest.h>
-#include <signal.h>
-#include <sys/resource.h>
 
 #include "dynslam/dataset/readers.hpp"
 
 #include "dataset/temp_folder.hpp"
+#include "full_disk.hpp"
 
 namespace dynslam::dataset {
 namespace {
 
 namespace fs = std::filesystem;
+using dynslam::testing::FullDisk;
 using testing::holds;
 using testing::invalid_argument_of;
 using testing::io_error_of;
@@ -210,25 +210,6 @@ TEST(TumWriter, RefusesAFolderThatCannotBeMade) {
   testing::write_text(folder / "file", "x");
   EXPECT_TRUE(holds(io_error_of([&] { TumWriter(folder / "file/sub", small_camera()); }), "file"));
 }
-
-// Files may not grow past a limit: the system's answer is that of a full disk.
-class FullDisk {
- public:
-  explicit FullDisk(rlim_t bytes) : handler_(::signal(SIGXFSZ, SIG_IGN)) {
-    ::getrlimit(RLIMIT_FSIZE, &before_);
-    rlimit limit = before_;
-    limit.rlim_cur = bytes;
-    ::setrlimit(RLIMIT_FSIZE, &limit);
-  }
-  ~FullDisk() {
-    ::setrlimit(RLIMIT_FSIZE, &before_);
-    ::signal(SIGXFSZ, handler_);
-  }
-
- private:
-  rlimit before_{};
-  void (*handler_)(int);
-};
 
 TEST(TumWriter, ReportsAFullDiskAndLeavesNoHalfFile) {
   TempFolder folder;

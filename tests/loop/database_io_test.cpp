@@ -9,6 +9,7 @@
 
 #include <gtest/gtest.h>
 
+#include "dynslam/core/checksum.hpp"
 #include "dynslam/core/errors.hpp"
 #include "dynslam/loop/database.hpp"
 
@@ -36,22 +37,6 @@ Database small_database() {
   return database;
 }
 
-// The checksum of database_io.cpp, so that broken fields are found by their own tests.
-std::uint64_t checksum_of(const std::uint8_t* at, std::size_t bytes, std::uint64_t start = 0) {
-  constexpr std::uint64_t kPrime = 0x9E3779B97F4A7C15ULL;
-  std::uint64_t sum = (start ^ bytes) * kPrime + 1;
-  while (bytes > 0) {
-    std::uint64_t part = 0;
-    const std::size_t n = bytes < 8 ? bytes : 8;
-    std::memcpy(&part, at, n);
-    sum = (sum ^ part) * kPrime;
-    sum ^= sum >> 29;
-    at += n;
-    bytes -= n;
-  }
-  return sum ^ (sum >> 32);
-}
-
 template <typename T>
 void put(Bytes& bytes, std::size_t at, T value) {
   std::memcpy(bytes.data() + at, &value, sizeof(value));
@@ -66,13 +51,12 @@ T get(const Bytes& bytes, std::size_t at) {
 
 // Makes all checksums right again.
 void seal(Bytes& bytes) {
-  put(bytes, 40, checksum_of(bytes.data(), 40));
+  put(bytes, 40, checksum(bytes.data(), 40));
   put(bytes, kPages - 8,
-      checksum_of(bytes.data() + kScales, 4 * kImages,
-                  checksum_of(bytes.data() + kIds, 8 * kImages)));
+      checksum(bytes.data() + kScales, 4 * kImages, checksum(bytes.data() + kIds, 8 * kImages)));
   const auto size = get<std::uint32_t>(bytes, kPages);
   if (kTable + size <= bytes.size())
-    put(bytes, kPages + 4, static_cast<std::uint32_t>(checksum_of(bytes.data() + kTable, size)));
+    put(bytes, kPages + 4, static_cast<std::uint32_t>(checksum(bytes.data() + kTable, size)));
 }
 
 void expect_refused(const Bytes& bytes, const std::string& what) {
@@ -217,7 +201,7 @@ TEST(DatabaseFile, WithBrokenListsIsRefusedByName) {
   const std::size_t page = bytes.size() - 512 - 3;
   put(bytes, page + 4, 0U);
   put(bytes, page + 256 + 8, get<std::uint32_t>(bytes, page + 256 + 4));
-  put(bytes, page - 4, static_cast<std::uint32_t>(checksum_of(bytes.data() + page, 515)));
+  put(bytes, page - 4, static_cast<std::uint32_t>(checksum(bytes.data() + page, 515)));
   expect_refused(bytes, "beyond the last one");
 }
 

@@ -8,18 +8,10 @@
 
 #include "dynslam/core/errors.hpp"
 
+#include "slam/vga_camera.hpp"
+
 namespace dynslam::slam {
 namespace {
-
-PinholeCamera camera() {
-  PinholeCamera camera;
-  camera.fx = camera.fy = 500.0;
-  camera.cx = 319.5;
-  camera.cy = 239.5;
-  camera.width = 640;
-  camera.height = 480;
-  return camera;
-}
 
 // Both cameras look at X; the second stands `baseline` to the right and is turned a little.
 struct Pair {

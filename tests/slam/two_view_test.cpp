@@ -10,18 +10,10 @@
 
 #include "dynslam/core/errors.hpp"
 
+#include "slam/vga_camera.hpp"
+
 namespace dynslam::slam {
 namespace {
-
-PinholeCamera camera() {
-  PinholeCamera camera;
-  camera.fx = camera.fy = 500.0;
-  camera.cx = 319.5;
-  camera.cy = 239.5;
-  camera.width = 640;
-  camera.height = 480;
-  return camera;
-}
 
 double angle_deg(const Eigen::Vector3d& a, const Eigen::Vector3d& b) {
   return std::atan2(a.cross(b).norm(), a.dot(b)) * 180.0 / 3.14159265358979;
