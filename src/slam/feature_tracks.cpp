@@ -117,4 +117,11 @@ void FeatureTracks::move_world(const RigidTransform& T_before_after) {
   for (Past& past : past_) past.T_cam_world = past.T_cam_world * T_before_after;
 }
 
+void FeatureTracks::repose(double after, const std::function<RigidTransform(double)>& pose) {
+  for (Past& past : past_) {
+    if (past.timestamp > after) past.T_cam_world = pose(past.timestamp);
+    past.odds.assign(past.odds.size(), 0.0F);
+  }
+}
+
 }  // namespace dynslam::slam

@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <deque>
+#include <functional>
 #include <vector>
 
 #include "dynslam/core/camera.hpp"
@@ -31,6 +32,8 @@ class FeatureTracks {
   void clear() { past_.clear(); }
   /// Takes the frames kept along when the world is laid out anew.
   void move_world(const RigidTransform& T_before_after);
+  /// Gives the frames kept after a time other poses, T_cam_world by timestamp.
+  void repose(double after, const std::function<RigidTransform(double)>& pose);
 
  private:
   struct Past {

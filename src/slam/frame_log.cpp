@@ -40,6 +40,17 @@ void FrameLog::let_go_of_map(const Map& map) {
   reference = kNoId;
 }
 
+void FrameLog::repose(const Map& map, double after, KeyframeId keyframe,
+                      const std::function<RigidTransform(double)>& pose) {
+  const RigidTransform T_world_keyframe = map.keyframe(keyframe).T_cam_world.inverse();
+  for (auto record = records_.rbegin(); record != records_.rend(); ++record) {
+    if (record->timestamp <= after) break;
+    if (record->reference == kNoId) continue;
+    record->reference = keyframe;
+    record->T_cam_reference = pose(record->timestamp) * T_world_keyframe;
+  }
+}
+
 std::optional<RigidTransform> FrameLog::last_pose(const Map& map) const {
   if (records_.empty()) return std::nullopt;
   const Record& last = records_.back();

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstddef>
+#include <functional>
 #include <optional>
 #include <vector>
 
@@ -24,6 +25,11 @@ class FrameLog {
   void release(const Map& map, KeyframeId keyframe, KeyframeId fallback);
   /// Keeps the poses as they are now, because the map is about to be dropped.
   void let_go_of_map(const Map& map);
+
+  /// Gives the frames after a time other poses, T_cam_world by timestamp, all relative to one
+  /// keyframe. Frames without a pose stay so. O(frames since).
+  void repose(const Map& map, double after, KeyframeId keyframe,
+              const std::function<RigidTransform(double)>& pose);
 
   std::size_t size() const { return records_.size(); }
   bool empty() const { return records_.empty(); }

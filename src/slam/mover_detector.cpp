@@ -148,4 +148,11 @@ void MoverDetector::move_world(const RigidTransform& T_before_after) {
     reference.T_cam_world = reference.T_cam_world * T_before_after;
 }
 
+void MoverDetector::repose(double after, const std::function<RigidTransform(double)>& pose) {
+  for (Reference& reference : references_) {
+    if (reference.timestamp > after) reference.T_cam_world = pose(reference.timestamp);
+  }
+  memory_.clear();
+}
+
 }  // namespace dynslam::slam

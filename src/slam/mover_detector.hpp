@@ -2,6 +2,7 @@
 #pragma once
 
 #include <deque>
+#include <functional>
 #include <vector>
 
 #include <opencv2/core/mat.hpp>
@@ -40,6 +41,9 @@ class MoverDetector {
   void clear();
   /// Takes the references along when the world is laid out anew.
   void move_world(const RigidTransform& T_before_after);
+  /// Gives the references after a time other poses, T_cam_world by timestamp, and forgets what was
+  /// found under the old ones.
+  void repose(double after, const std::function<RigidTransform(double)>& pose);
 
   /// The mask of the frame that `detect` was last given, with what is likely besides: what
   /// continues a mover behind something else. For users; tracking loses more by a static feature

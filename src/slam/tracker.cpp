@@ -26,19 +26,28 @@ constexpr double kWeightMomentum = 0.5;  // share of the last frames in a point'
 // Errors of neighbouring depth pixels are not independent: a grid of thousands is worth dozens.
 constexpr double kAlignmentTrust = 0.01;
 
-constexpr double kGuessTranslation = 0.02;  // metres that the velocity may be off
-constexpr double kGuessRotation = 0.02;     // radians
-constexpr double kHandAcceleration = 1.0;   // m/s^2, by which it is off over longer steps
-constexpr double kWristAcceleration = 2.0;  // rad/s^2
-constexpr double kDepthBias = 0.01;         // metres that aligned depth is off as a whole
-constexpr double kTurnBias = 0.01;          // radians
-constexpr double kFarFromPrior = 16.8;  // squared Mahalanobis distance: 1 % of 6 degrees of freedom
-constexpr float kTrialWeight = 0.05F;   // of a point on trial beside one that is proven
-constexpr double kAgrees = 0.15;        // log-odds of standing still that a fitting match adds
-constexpr double kUsualStep = 0.1;      // seconds; the longer, the more it says
-constexpr double kMostSteps = 10.0;     // and at most as many times
-constexpr double kDisagrees = -1.0;     // and one that does not
-constexpr double kSurest = 4.0;         // most that is remembered
+constexpr double kGuessTranslation = 0.02;    // metres that the velocity may be off
+constexpr double kGuessRotation = 0.02;       // radians
+constexpr double kHandAcceleration = 1.0;     // m/s^2, by which it is off over longer steps
+constexpr double kWristAcceleration = 2.0;    // rad/s^2
+constexpr double kDepthBias = 0.01;           // metres that aligned depth is off as a whole
+constexpr double kTurnBias = 0.01;            // radians
+constexpr double kAlignedTranslation = 0.02;  // metres that aligned surfaces may be off
+constexpr double kAlignedRotation = 0.01;     // radians
+constexpr double kContradiction = 10.6;       // squared, by these: 10 % of 6 degrees of freedom
+constexpr float kTrialWeight = 0.05F;         // of a point on trial beside one that is proven
+constexpr double kAgrees = 0.15;     // log-odds of standing still that a fitting match adds
+constexpr double kUsualStep = 0.1;   // seconds; the longer, the more it says
+constexpr double kMostSteps = 10.0;  // and at most as many times
+constexpr double kDisagrees = -1.0;  // and one that does not
+constexpr double kSurest = 4.0;      // most that is remembered
+
+// Squared, of two poses, by what aligned surfaces may be off.
+double distance(const RigidTransform& a, const RigidTransform& b) {
+  const Vector6d xi = se3_log(a * b.inverse());
+  return xi.head<3>().squaredNorm() / (kAlignedTranslation * kAlignedTranslation) +
+         xi.tail<3>().squaredNorm() / (kAlignedRotation * kAlignedRotation);
+}
 
 double log_odds(double p) {
   const double clamped = std::clamp(p, 0.01, 0.99);
@@ -169,8 +178,8 @@ int Tracker::optimize(TrackedFrame& frame, const std::vector<PointId>& ids) {
   return result.inliers;
 }
 
-void Tracker::keep_background(const Map& map, const geometry::DepthCheck& depth_check,
-                              TrackedFrame& frame) {
+void Tracker::keep_background(const Map& map, const TrackedFrame& last,
+                              const geometry::DepthCheck& depth_check, TrackedFrame& frame) {
   motions_.clear();
   for (const PointMatch& match : matches_) {
     const cv::KeyPoint& keypoint = frame.features->keypoints[match.feature];
@@ -181,13 +190,18 @@ void Tracker::keep_background(const Map& map, const geometry::DepthCheck& depth_
         std::max(2.0F * predictions_.weights[match.source] - 1.0F, kTrialWeight),
         point == nullptr ? 0.0F : static_cast<float>(map.keyframes_made() - point->born_keyframe));
   }
-  const geometry::PosePrior prior{frame.T_cam_world, 0.01, 0.02};
+  const RigidTransform predicted = (predicted_ * last.T_cam_world).normalized();
+  const geometry::PosePrior prior{predicted, kGuessRotation, kGuessTranslation};
   geometry::estimate_pose(camera_, motions_.problem(), &prior, depth_check, {}, motions_.workspace,
                           motions_.result);
   if (!motions_.result.ok()) return;
-  // What stood still and was aligned is the better witness when features say something far off.
-  const auto& chosen = motions_.result.hypotheses[static_cast<std::size_t>(motions_.result.chosen)];
-  if (prior_ && chosen.prior_distance > kFarFromPrior) return;
+  const RigidTransform& aligned = frame.T_cam_world;
+  const RigidTransform& matched = motions_.result.T_cam_world;
+  if (prior_ && distance(matched, aligned) > kContradiction) {
+    // Either may have followed a mover. The camera goes on more steadily than that.
+    if (distance(aligned, predicted) <= distance(matched, predicted)) return;
+    prior_.reset();
+  }
   frame.T_cam_world = motions_.result.T_cam_world;
   std::size_t kept = 0;
   for (std::size_t i = 0; i < matches_.size(); ++i) {
@@ -221,7 +235,7 @@ bool Tracker::match_last_frame(const Map& map, const TrackedFrame& last, double 
       matches_.push_back({source, feature, predictions_.positions[source],
                           initial_weight(predictions_.weights[source], frame.staticness[feature])});
     }
-    if (depth_check) keep_background(map, depth_check, frame);
+    if (depth_check) keep_background(map, last, depth_check, frame);
   }
   return static_cast<int>(matches_.size()) >= options_.min_inliers &&
          optimize(frame, predictions_.ids) >= options_.min_inliers;
@@ -257,7 +271,7 @@ bool Tracker::align_depth(TrackedFrame& last, TrackedFrame& frame) {
   for (const RigidTransform& guess : {velocity_.inverse(), RigidTransform()}) {
     const auto alignment = align_surfaces(last.surface, frame.surface, camera_, guess);
     if (!alignment) continue;
-    velocity_ = alignment->T_from_to.inverse();
+    velocity_ = predicted_ = alignment->T_from_to.inverse();
     set_prior(last, *alignment);
     depth_aligned_ = true;
     return true;
@@ -265,8 +279,8 @@ bool Tracker::align_depth(TrackedFrame& last, TrackedFrame& frame) {
   return false;
 }
 
-void Tracker::guess_by_descriptors(const TrackedFrame& last, const TrackedFrame& frame,
-                                   std::vector<RigidTransform>& guesses) {
+std::vector<RigidTransform> Tracker::guess_by_descriptors(const TrackedFrame& last,
+                                                          const TrackedFrame& frame) {
   features::BruteForceOptions options;
   options.max_distance = 64;
   options.ratio = 0.8F;
@@ -289,21 +303,23 @@ void Tracker::guess_by_descriptors(const TrackedFrame& last, const TrackedFrame&
   search.min_inliers = kMinGuessInliers;
   geometry::estimate_pose(camera_, motions_.problem(), nullptr, {}, search, motions_.workspace,
                           motions_.result);
+  std::vector<RigidTransform> guesses;
   for (const auto& hypothesis : motions_.result.hypotheses) {
     guesses.push_back(hypothesis.T_cam_world.inverse());
   }
+  return guesses;
 }
 
 bool Tracker::align_wide_step(TrackedFrame& last, TrackedFrame& frame) {
   const ScopedTimer timer(times_.match);
   if (!build_surfaces(last, frame)) return false;
   last.surface.trust = last.cell_trust;
-  std::vector<RigidTransform> guesses = {velocity_.inverse(), RigidTransform()};
-  guess_by_descriptors(last, frame, guesses);
+  std::vector<RigidTransform> guesses = guess_by_descriptors(last, frame);
+  guesses.insert(guesses.begin(), {velocity_.inverse(), RigidTransform()});
   const auto found = align_wide(last.surface, frame.surface, camera_, guesses);
   if (!found) return false;
   wide_step_ = true;
-  velocity_ = found->alignment.T_from_to.inverse();
+  velocity_ = predicted_ = found->alignment.T_from_to.inverse();
   SurfaceAlignment alignment = found->alignment;
   Vector6d systematic;  // calibration, rolling shutter: what no number of cells averages out
   systematic << Eigen::Vector3d::Constant(kDepthBias * kDepthBias),
@@ -330,7 +346,8 @@ void Tracker::align_background(TrackedFrame& last, TrackedFrame& frame) {
   Vector6d certainty;
   certainty << Eigen::Vector3d::Constant(1.0 / (translation * translation)),
       Eigen::Vector3d::Constant(1.0 / (rotation * rotation));
-  options.guess_information = certainty.asDiagonal();
+  // On the scale of what aligned cells say, before that is trusted a hundredth.
+  options.guess_information = (certainty / kAlignmentTrust).asDiagonal();
   const auto alignment =
       align_surfaces(last.surface, frame.surface, camera_, velocity_.inverse(), options);
   if (!alignment) return;

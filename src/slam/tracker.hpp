@@ -58,6 +58,9 @@ class Tracker {
   /// Refines where the camera is expected by aligning what stood still in the last frame, shape and
   /// brightness; directions that these leave open stay as they were.
   void align_background(TrackedFrame& last, TrackedFrame& frame);
+  /// Motions between two frames, T_last_cam, that many of their descriptors agree on.
+  std::vector<RigidTransform> guess_by_descriptors(const TrackedFrame& last,
+                                                   const TrackedFrame& frame);
   /// Whether the pose of this frame rests on aligned depth.
   bool depth_aligned() const { return prior_.has_value(); }
   /// Whether that was done by align_wide_step, which may be off by a few pixels.
@@ -73,11 +76,11 @@ class Tracker {
     depth_aligned_ = wide_step_ = false;
   }
 
-  void set_velocity(const RigidTransform& T_cam_last) { velocity_ = T_cam_last; }
+  void set_velocity(const RigidTransform& T_cam_last) { velocity_ = predicted_ = T_cam_last; }
   RigidTransform expected_pose(const TrackedFrame& last) const {
     return (velocity_ * last.T_cam_world).normalized();
   }
-  void forget_velocity() { velocity_ = RigidTransform(); }
+  void forget_velocity() { velocity_ = predicted_ = RigidTransform(); }
 
   const LocalMap& local_map() const { return local_map_; }
   TrackerTimes take_times();
@@ -111,14 +114,11 @@ class Tracker {
                         TrackedFrame& frame, const geometry::DepthCheck& depth_check);
   /// Looks for several motions among `matches_` and keeps those matches that follow the
   /// background's, with its pose in `frame`; all of them where no motion stands out.
-  void keep_background(const Map& map, const geometry::DepthCheck& depth_check,
-                       TrackedFrame& frame);
+  void keep_background(const Map& map, const TrackedFrame& last,
+                       const geometry::DepthCheck& depth_check, TrackedFrame& frame);
   void set_prior(const TrackedFrame& last, const SurfaceAlignment& alignment);
   /// Builds the surfaces of both frames, unless they are there already; false without depth.
   bool build_surfaces(TrackedFrame& last, TrackedFrame& frame) const;
-  /// Motions between two frames, T_last_cam, that many of their descriptors agree on.
-  void guess_by_descriptors(const TrackedFrame& last, const TrackedFrame& frame,
-                            std::vector<RigidTransform>& guesses);
   void predict_from_last(const Map& map, const TrackedFrame& last, double radius,
                          const RigidTransform& T_cam_world);
   void predict_from_map(const RigidTransform& T_cam_world, double radius);
@@ -140,7 +140,8 @@ class Tracker {
   std::vector<float> scale_factors_;
   PoseEstimation pose_;
   LocalMap local_map_;
-  RigidTransform velocity_;
+  RigidTransform velocity_;                  // T_cam_last, by aligned surfaces where there are any
+  RigidTransform predicted_;                 // the same by the motion so far alone
   std::optional<factors::PosePrior> prior_;  // by aligned surfaces
   double step_ = 0.0;                        // seconds since the last frame
   bool depth_aligned_ = false, wide_step_ = false;

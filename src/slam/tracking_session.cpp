@@ -22,6 +22,7 @@ constexpr std::size_t kRestartKeyframes = 3;
 constexpr double kMaxAcceleration = 50.0;      // m/s^2
 constexpr double kMaxTurn = 200.0;             // rad/s^2
 constexpr double kPoseNoise = 0.05;            // share of the median depth, and radians
+constexpr float kUnknownPoint = 0.5F;          // belief in a point of which nothing is known
 constexpr int kWantedPoints = 100;             // a frame that tracks fewer, and could have
 constexpr int kSparePoints = 70;               // so many more, becomes a keyframe
 constexpr std::size_t kComparedKeyframes = 3;  // that a frame must look unlike to be new
@@ -37,7 +38,8 @@ TrackingSession::TrackingSession(const DepthCamera& camera, const SystemOptions&
       tracker_(camera, options, builder.scale_factors()),
       mono_(camera, builder.scale_factors()),
       tracks_(camera, builder.scale_factors()),
-      movers_(camera) {}
+      movers_(camera),
+      start_(camera) {}
 
 template <typename Work>
 void TrackingSession::without_map(TrackingLock& lock, const Work& work) {
@@ -52,6 +54,7 @@ void TrackingSession::follow_corrections() {
   if (corrections_ == shared_.corrections) return;
   corrections_ = shared_.corrections;
   tracker_.forget_alignment();
+  start_.cancel();
   const std::optional<RigidTransform> corrected = shared_.log.last_pose(shared_.map);
   if (!corrected) {
     movers_.clear();
@@ -91,6 +94,7 @@ bool TrackingSession::initialize(FrameResult& result, TrackingLock& lock) {
   if (with_depth < kMinFirstPoints) return false;
   current_.T_cam_world = T_cam_origin_;
   make_keyframe(result, lock);
+  if (options_.geometry) start_.begin(current_);
   return true;
 }
 
@@ -181,6 +185,7 @@ void TrackingSession::restart_if_hopeless() {
   shared_.map.clear();
   movers_.clear();
   tracks_.clear();
+  start_.cancel();
   state_ = TrackingState::kNotInitialized;
 }
 
@@ -317,16 +322,62 @@ bool TrackingSession::locate(FrameResult& result, TrackingLock& lock) {
   return false;
 }
 
+// What is known of the time since the start rests on poses that are wrong. The first keyframe's
+// points do not: they come from its own depth image.
+void TrackingSession::forget_since_start(const RigidTransform& T_cam_world) {
+  Map& map = shared_.map;
+  const double began = start_.first().timestamp, now = current_.timestamp;
+  const KeyframeId first = map.keyframe_ids().front();
+  const auto pose = [&](double timestamp) { return start_.between(timestamp, now, T_cam_world); };
+  shared_.log.repose(map, began, first, pose);
+  shared_.log.reference = first;
+  for (const KeyframeId id : map.keyframe_ids()) {
+    if (id != first) map.erase_keyframe(id);
+  }
+  for (const PointId id : map.point_ids()) {
+    MapPoint& point = map.point(id);
+    point.static_weight = std::min(kUnknownPoint, point.static_weight);
+    point.visible = point.found = 1;
+  }
+  corrections_ = ++shared_.corrections;
+  movers_.repose(began, pose);
+  tracks_.repose(began, pose);
+}
+
+bool TrackingSession::correct_start(FrameResult& result, TrackingLock& lock) {
+  if (!start_.is_due(current_.timestamp)) return false;
+  std::optional<RigidTransform> T_cam_world;
+  {
+    const ScopedTimer timer(result.ms.geometry);
+    without_map(lock, [&] {
+      const auto motions = tracker_.guess_by_descriptors(start_.first(), current_);
+      T_cam_world = start_.contradict(motions, current_);
+    });
+  }
+  if (!T_cam_world) return false;
+  forget_since_start(*T_cam_world);
+  tracker_.forget_alignment();
+  current_.reset(current_.features, current_.timestamp);
+  current_.T_cam_world = *T_cam_world;
+  find_movers(result, lock);
+  result.inliers = tracker_.track_local_map(shared_.map, shared_.log.reference, current_, true);
+  if (result.inliers < options_.tracking.min_inliers) current_.T_cam_world = *T_cam_world;
+  return true;
+}
+
 void TrackingSession::step(FrameResult& result) {
   TrackingLock lock(shared_.mutex);
   follow_corrections();
   movers_found_ = false;
   const bool first = state_ == TrackingState::kNotInitialized;
   const bool located = locate(result, lock);
+  const bool corrected = located && !first && correct_start(result, lock);
   const TrackerTimes times = tracker_.take_times();
   result.state = state_;
   if (located && !first) {
-    if (state_ == TrackingState::kTracked && jumped()) state_ = TrackingState::kRelocalized;
+    if (corrected || (state_ == TrackingState::kTracked && jumped())) {
+      state_ = TrackingState::kRelocalized;
+    }
     result.state = state_;
     shared_.log.reference = tracker_.local_map().reference;
     ++frames_since_keyframe_;

@@ -15,6 +15,7 @@
 #include "mono_initializer.hpp"
 #include "mover_detector.hpp"
 #include "shared_map.hpp"
+#include "start_check.hpp"
 #include "tracked_frame.hpp"
 #include "tracker.hpp"
 
@@ -52,6 +53,9 @@ class TrackingSession {
   void find_movers(FrameResult& result, TrackingLock& lock);
   /// Whether the frame is elsewhere than any motion since the last one could have taken it.
   bool jumped() const;
+  /// Looks back at the start of the map; true if the camera was elsewhere than it was tracked.
+  bool correct_start(FrameResult& result, TrackingLock& lock);
+  void forget_since_start(const RigidTransform& T_cam_world);
   void update_velocity();
   void follow_corrections();
   template <typename Work>
@@ -65,6 +69,7 @@ class TrackingSession {
   MonoInitializer mono_;
   FeatureTracks tracks_;
   MoverDetector movers_;
+  StartCheck start_;
   TrackedFrame current_, last_;
   TrackingState state_ = TrackingState::kNotInitialized;
   std::size_t frames_since_keyframe_ = 0;

@@ -114,6 +114,16 @@ TEST(RobustPose, ChoosesTheMinorityThatFitsTheLastVelocity) {
   EXPECT_LT(result.hypotheses[static_cast<std::size_t>(result.chosen)].inliers, 90);
 }
 
+TEST(RobustPose, LooksFirstForTheMotionThatContinuesThePrior) {
+  World w = crowded();
+  PosePrior prior;
+  prior.T_cam_world = w.T_cam_world;
+  const RobustPoseResult result = w.solve(w.problem(), &prior);
+  ASSERT_EQ(result.hypotheses.size(), 2U);
+  EXPECT_LT(se3_log(result.hypotheses[0].T_cam_world * w.T_cam_world.inverse()).norm(), 0.01);
+  EXPECT_LT(result.hypotheses[0].inliers, result.hypotheses[1].inliers);
+}
+
 TEST(RobustPose, ChoosesTheMinorityOfOldMapPoints) {
   World w = crowded();
   PoseProblem problem = w.problem();

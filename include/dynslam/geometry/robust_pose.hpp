@@ -80,11 +80,12 @@ enum class PoseStatus : std::uint8_t {
 
 struct RobustPoseResult {
   PoseStatus status = PoseStatus::kTooFewPoints;
-  RigidTransform T_cam_world;              ///< of the chosen hypothesis; identity if none
-  int chosen = -1;                         ///< index into `hypotheses`
-  bool dominant_is_background = true;      ///< false: most points move with something else
-  std::vector<PoseHypothesis> hypotheses;  ///< in the order found, most support first
-  std::vector<std::int8_t> motion;         ///< N: hypothesis each point moves with, -1 = none
+  RigidTransform T_cam_world;          ///< of the chosen hypothesis; identity if none
+  int chosen = -1;                     ///< index into `hypotheses`
+  bool dominant_is_background = true;  ///< false: most points move with something else
+  /// In the order found: what continues the prior, if anything does, then most support first.
+  std::vector<PoseHypothesis> hypotheses;
+  std::vector<std::int8_t> motion;  ///< N: hypothesis each point moves with, -1 = none
 
   bool ok() const { return status == PoseStatus::kOk || status == PoseStatus::kAmbiguous; }
 };
@@ -123,12 +124,13 @@ struct RobustPoseWorkspace {
 /// and the search repeated for further motions. Without a prior and check the background is the
 /// motion of greatest extent among equals; with them it may have a small minority of the points.
 ///
-/// `prior` may be null; if given it is also tried as a sample. Points without depth take part as 2D
-/// inliers. Fewer than three points with depth and no prior: kTooFewPoints. Throws InvalidArgument
-/// for unequal sizes, invalid options or camera. Deterministic for a seed. O(iterations x N) worst
-/// case; about 1 ms for 500 points. Thread-safe with one workspace per thread. Sources: Horn, JOSA
-/// A 1987 (absolute orientation); Chum and Matas, CVPR 2005 (PROSAC); sequential multi-model
-/// RANSAC. The choice among motions is ours.
+/// `prior` may be null; if given, the motion next to it is looked for first, and it is also tried
+/// as a sample. Points without depth take part as 2D inliers. Fewer than three points with depth
+/// and no prior: kTooFewPoints. Throws InvalidArgument for unequal sizes, invalid options or
+/// camera. Deterministic for a seed. O(iterations x N) worst case; about 1 ms for 500 points.
+/// Thread-safe with one workspace per thread. Sources: Horn, JOSA A 1987 (absolute orientation);
+/// Chum and Matas, CVPR 2005 (PROSAC); sequential multi-model RANSAC. The choice among motions is
+/// ours.
 void estimate_pose(const PinholeCamera& camera, const PoseProblem& problem, const PosePrior* prior,
                    const DepthCheck& depth_check, const RobustPoseOptions& options,
                    RobustPoseWorkspace& workspace, RobustPoseResult& result);

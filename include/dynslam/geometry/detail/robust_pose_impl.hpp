@@ -125,7 +125,27 @@ inline double hypothesis_score(const PoseHypothesis& h, const RobustPoseOptions&
          o.prior_weight * 0.5 * std::log1p(h.prior_distance / 6.0);
 }
 
-/// Finds motions one after another among the points still free.
+/// Takes the points that move with T and makes it a hypothesis, unless it is one already. False if
+/// they are too few for a motion.
+inline bool add_motion(const PinholeCamera& camera, const RobustPoseOptions& o, int needed,
+                       const RigidTransform& T, RobustPoseWorkspace& w, RobustPoseResult& result) {
+  const Span<const PosePoint> points = w.points;
+  collect_inliers(camera, points, w.taken, T, o, w.inliers);
+  if (static_cast<int>(w.inliers.size()) < needed) return false;
+  for (const int i : w.inliers) w.taken[static_cast<std::size_t>(i)] = 1;
+  const bool known =
+      std::any_of(result.hypotheses.begin(), result.hypotheses.end(), [&](const PoseHypothesis& h) {
+        return motion_difference(camera, points, h.T_cam_world, T, w.values) < o.separation;
+      });
+  if (known) return true;
+  result.hypotheses.emplace_back();
+  result.hypotheses.back().T_cam_world = T;
+  return true;
+}
+
+/// Finds motions one after another among the points still free. The one that continues the prior
+/// comes first: between two frames a sample can blend two motions into one that explains more
+/// points than either, none of them well.
 inline void find_motions(const PinholeCamera& camera, const PosePrior* prior,
                          const RobustPoseOptions& o, RobustPoseWorkspace& w,
                          RobustPoseResult& result) {
@@ -135,21 +155,17 @@ inline void find_motions(const PinholeCamera& camera, const PosePrior* prior,
   Random random(o.seed);
   sampling_order(points, random, w.order);
   w.taken.assign(points.size(), 0);
+  if (prior != nullptr) {
+    RigidTransform T = prior->T_cam_world;
+    refine_motion(camera, o, w, T);
+    add_motion(camera, o, needed, T, w, result);
+  }
   for (int attempt = 0; attempt < 2 * o.max_hypotheses; ++attempt) {
     if (static_cast<int>(result.hypotheses.size()) >= o.max_hypotheses) break;
     RigidTransform T;
     if (!search_motion(camera, prior, o, random, w, T)) break;
     refine_motion(camera, o, w, T);
-    collect_inliers(camera, points, w.taken, T, o, w.inliers);
-    if (static_cast<int>(w.inliers.size()) < needed) break;
-    for (const int i : w.inliers) w.taken[static_cast<std::size_t>(i)] = 1;
-    const bool known = std::any_of(
-        result.hypotheses.begin(), result.hypotheses.end(), [&](const PoseHypothesis& h) {
-          return motion_difference(camera, points, h.T_cam_world, T, w.values) < o.separation;
-        });
-    if (known) continue;
-    result.hypotheses.emplace_back();
-    result.hypotheses.back().T_cam_world = T;
+    if (!add_motion(camera, o, needed, T, w, result)) break;
   }
 }
 

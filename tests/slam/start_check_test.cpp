@@ -1,0 +1,104 @@
+#include "slam/start_check.hpp"
+
+#include <memory>
+
+#include <gtest/gtest.h>
+#include <opencv2/core.hpp>
+
+#include "dynslam/core/so3.hpp"
+#include "dynslam/dataset/scene.hpp"
+
+namespace dynslam::slam {
+namespace {
+
+constexpr std::size_t kLater = 12;  // frames at 30 Hz: 0.4 s
+
+DepthCamera camera() { return dataset::scene_camera(320, 240); }
+
+// People walk before the camera from the first frame on.
+dataset::Frame room(std::size_t index) {
+  static const auto scene = [] {
+    dataset::SceneOptions options;
+    options.camera = camera();
+    options.frames = kLater + 1;
+    options.seed = 2;
+    return dataset::make_scene("room_walking", options);
+  }();
+  return scene->read(index);
+}
+
+TrackedFrame tracked(const dataset::Frame& frame, const RigidTransform& T_cam_world) {
+  TrackedFrame result;
+  result.reset(std::make_shared<FrameFeatures>(), frame.timestamp);
+  result.T_cam_world = T_cam_world;
+  result.depth = frame.depth;
+  return result;
+}
+
+// What a walker who is followed makes of a camera at rest: 0.5 m aside, turned back to the scene.
+RigidTransform captured() { return se3_exp((Vector6d() << 0.5, 0, 0, 0, -0.13, 0).finished()); }
+
+class StartOfAMap : public ::testing::Test {
+ protected:
+  StartOfAMap() : first_(room(0)), later_(room(kLater)), check_(camera()) {
+    check_.begin(tracked(first_, RigidTransform()));
+    truth_ = later_.T_world_cam->inverse() * *first_.T_world_cam;
+  }
+  dataset::Frame first_, later_;
+  StartCheck check_;
+  RigidTransform truth_;  // T_cam_world of the later frame
+};
+
+TEST_F(StartOfAMap, TakesTheBackgroundsMotionInsteadOfTheMovers) {
+  TrackedFrame frame = tracked(later_, captured() * truth_);
+  const RigidTransform motions[] = {captured(), truth_.inverse()};
+  const auto corrected = check_.contradict(motions, frame);
+  ASSERT_TRUE(corrected.has_value());
+  EXPECT_LT((corrected->t - truth_.t).norm(), 1e-9);
+}
+
+TEST_F(StartOfAMap, IsLeftAloneWhereItWasRight) {
+  TrackedFrame frame = tracked(later_, truth_);
+  const RigidTransform motions[] = {captured(), (captured() * truth_).inverse()};
+  EXPECT_FALSE(check_.contradict(motions, frame).has_value());
+}
+
+TEST_F(StartOfAMap, IsLeftAloneWithoutOtherMotions) {
+  TrackedFrame frame = tracked(later_, captured() * truth_);
+  EXPECT_FALSE(check_.contradict({}, frame).has_value());
+}
+
+TEST_F(StartOfAMap, IsLookedAtTwiceAndNotLate) {
+  const double began = first_.timestamp;
+  EXPECT_FALSE(check_.is_due(began + 0.1));
+  EXPECT_TRUE(check_.is_due(began + 0.2));
+  EXPECT_FALSE(check_.is_due(began + 1.0));
+  TrackedFrame frame = tracked(later_, truth_);
+  check_.contradict({}, frame);
+  EXPECT_FALSE(check_.is_due(began + 0.2));
+  EXPECT_TRUE(check_.is_due(began + 0.4));
+  check_.contradict({}, frame);
+  EXPECT_FALSE(check_.is_due(began + 0.4));
+}
+
+TEST_F(StartOfAMap, IsNotInQuestionOnceCancelledOrWithoutDepth) {
+  check_.cancel();
+  EXPECT_FALSE(check_.is_due(first_.timestamp + 0.2));
+  dataset::Frame blind = first_;
+  blind.depth.release();
+  check_.begin(tracked(blind, RigidTransform()));
+  EXPECT_FALSE(check_.is_due(first_.timestamp + 0.2));
+}
+
+TEST_F(StartOfAMap, IsFilledInEvenlyUpToTheCorrection) {
+  const RigidTransform corrected = captured();
+  const auto at = [&](double share) {
+    return check_.between(first_.timestamp + 0.4 * share, first_.timestamp + 0.4, corrected);
+  };
+  EXPECT_LT(se3_log(at(0.0)).norm(), 1e-9);
+  EXPECT_LT((se3_log(at(0.5)) - 0.5 * se3_log(corrected)).norm(), 1e-9);
+  EXPECT_LT((at(1.0).t - corrected.t).norm(), 1e-9);
+}
+
+}  // namespace
+}  // namespace dynslam::slam
