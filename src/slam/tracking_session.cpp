@@ -278,6 +278,7 @@ void TrackingSession::find_movers(FrameResult& result, TrackingLock& lock) {
     movers_found_ = true;
   });
   result.moving_share = static_cast<float>(movers_.masked_share());
+  result.moving_features = 0;  // of a frame that is judged twice the second time counts
   current_.cell_trust = movers_.trust();
   for (std::size_t i = 0; i < current_.points.size(); ++i) {
     const cv::Point2f pixel = current_.features->keypoints[i].pt;

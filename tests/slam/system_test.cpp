@@ -111,6 +111,25 @@ TEST(System, GeometryKeepsMoversOutOfThePoseWithoutMasks) {
   EXPECT_GT(moving, 3 * wrongly);
 }
 
+// In these rooms someone walks close by from the first frame on.
+TEST(System, GeometryMendsAStartThatFollowedAWalker) {
+  for (const std::uint64_t seed : {2U, 3U, 5U}) {
+    dataset::SceneOptions scene_options = small_scene();
+    scene_options.seed = seed;
+    scene_options.frames = 20;
+    const auto scene = dataset::make_scene("room_walking", scene_options);
+    SystemOptions options = make_system().options();
+    options.geometry = true;
+    System system(dataset::scene_camera(320, 240), options);
+    std::vector<dataset::Frame> frames;
+    for (std::size_t i = 0; i < scene->size(); ++i) {
+      frames.push_back(scene->read(i));
+      EXPECT_TRUE(system.track(input_of(frames.back())).T_world_cam.has_value()) << "frame " << i;
+    }
+    EXPECT_LT(ate(system, frames), 0.03) << "seed " << seed;
+  }
+}
+
 TEST(System, GeometryTakesNothingInAStillRoomForMoving) {
   SystemOptions options = make_system().options();
   options.geometry = true;
