@@ -7,7 +7,6 @@ factors::PoseOptimizerOptions optimizer_options(factors::WeightMode weights) {
   factors::PoseOptimizerOptions options;
   options.weights = weights;
   options.rounds = weights == factors::WeightMode::kFixed ? 4 : 2;
-  options.compute_covariance = false;
   return options;
 }
 

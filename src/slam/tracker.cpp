@@ -25,11 +25,11 @@ constexpr int kMinGuessInliers = 6;      // of a motion that dense alignment is 
 constexpr double kWeightMomentum = 0.5;  // share of the last frames in a point's weight
 // Errors of neighbouring depth pixels are not independent: a grid of thousands is worth dozens.
 constexpr double kAlignmentTrust = 0.01;
+// Nor are those of features: the covariance of a pose is so many times what counting them gives.
+constexpr double kFeatureDoubt = 4.0;
 
 constexpr double kGuessTranslation = 0.02;    // metres that the velocity may be off
 constexpr double kGuessRotation = 0.02;       // radians
-constexpr double kHandAcceleration = 1.0;     // m/s^2, by which it is off over longer steps
-constexpr double kWristAcceleration = 2.0;    // rad/s^2
 constexpr double kDepthBias = 0.01;           // metres that aligned depth is off as a whole
 constexpr double kTurnBias = 0.01;            // radians
 constexpr double kAlignedTranslation = 0.02;  // metres that aligned surfaces may be off
@@ -97,6 +97,7 @@ Tracker::Tracker(const DepthCamera& camera, const SystemOptions& options,
       geometry_(options.geometry),
       reject_matches_(options.reject_matches),
       learns_(!options.localize_only),
+      metric_(options.sensor != Sensor::kMono),
       scale_factors_(scale_factors),
       pose_(camera, scale_factors, options.weights) {}
 
@@ -163,10 +164,12 @@ void Tracker::match_predictions(DescriptorsView descriptors, float ratio,
   features::match_windowed(windows, features, options, found_);
 }
 
-int Tracker::optimize(TrackedFrame& frame, const std::vector<PointId>& ids) {
+int Tracker::optimize(TrackedFrame& frame, const std::vector<PointId>& ids,
+                      const std::optional<factors::PosePrior>& prior) {
   const ScopedTimer timer(times_.optimize);
   const factors::PoseResult result =
-      pose_.solve(matches_, *frame.features, frame.T_cam_world, prior_ ? &*prior_ : nullptr);
+      pose_.solve(matches_, *frame.features, frame.T_cam_world, prior ? &*prior : nullptr);
+  covariance_ = result.covariance;
   if (!result) return 0;
   frame.T_cam_world = result.T_cam_world;
   const Span<const std::uint8_t> inliers = pose_.inliers();
@@ -238,7 +241,7 @@ bool Tracker::match_last_frame(const Map& map, const TrackedFrame& last, double 
     if (depth_check) keep_background(map, last, depth_check, frame);
   }
   return static_cast<int>(matches_.size()) >= options_.min_inliers &&
-         optimize(frame, predictions_.ids) >= options_.min_inliers;
+         optimize(frame, predictions_.ids, prior_) >= options_.min_inliers;
 }
 
 bool Tracker::track_last_frame(const Map& map, const TrackedFrame& last, TrackedFrame& frame,
@@ -392,7 +395,11 @@ int Tracker::track_local_map(Map& map, KeyframeId reference, TrackedFrame& frame
   }
   if (static_cast<int>(matches_.size()) < options_.min_inliers && !prior_) return 0;
   if (geometry_) prefer_proven();
-  const int inliers = optimize(frame, predictions_.ids);
+  if (wide) motion_.forget_prediction();
+  const int inliers = optimize(frame, predictions_.ids, expected_motion());
+  if (metric_ && covariance_ && inliers >= options_.min_inliers) {
+    motion_.update(frame.T_cam_world, kFeatureDoubt * *covariance_);
+  }
   if (!learns_) return inliers;
   for (const PointId id : predictions_.ids) {
     if (id != kNoId) ++map.point(id).visible;
@@ -402,6 +409,15 @@ int Tracker::track_local_map(Map& map, KeyframeId reference, TrackedFrame& frame
   }
   remember_weights(map, frame);
   return inliers;
+}
+
+// The optimizer believes every feature, so what it weighs them against has to count for more, too.
+std::optional<factors::PosePrior> Tracker::expected_motion() {
+  if (!motion_.predicted()) return prior_;
+  if (prior_) motion_.observe_step(prior_->mean, prior_->information / kFeatureDoubt);
+  factors::PosePrior expected = motion_.prior();
+  expected.information *= kFeatureDoubt;
+  return expected;
 }
 
 // Points on trial must not outvote those that have stood still for long: a weight is how much more
@@ -489,7 +505,7 @@ bool Tracker::match_keyframe(const Map& map, KeyframeId id, TrackedFrame& frame)
     matches_.push_back({source, static_cast<std::uint32_t>(match.train), positions[source], 1.0F});
   }
   std::fill(frame.points.begin(), frame.points.end(), kNoId);
-  return optimize(frame, keyframe.points) >= kMinPnpInliers;
+  return optimize(frame, keyframe.points, prior_) >= kMinPnpInliers;
 }
 
 }  // namespace dynslam::slam

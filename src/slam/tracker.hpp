@@ -16,6 +16,7 @@
 
 #include "depth_alignment.hpp"
 #include "local_map.hpp"
+#include "motion_filter.hpp"
 #include "pose_estimation.hpp"
 #include "tracked_frame.hpp"
 
@@ -66,12 +67,14 @@ class Tracker {
   /// Whether that was done by align_wide_step, which may be off by a few pixels.
   bool wide_step() const { return wide_step_; }
   /// Begins a frame that comes `step` seconds after the last: nothing is aligned yet.
-  void begin_frame(double step) {
+  void begin_frame(const TrackedFrame& last, double step) {
     step_ = step;
     forget_alignment();
+    motion_.predict(last.T_cam_world, step);
   }
-  /// Forgets what was aligned.
+  /// Forgets what was aligned, and the motion that was to be expected.
   void forget_alignment() {
+    motion_.forget_prediction();
     prior_.reset();
     depth_aligned_ = wide_step_ = false;
   }
@@ -132,18 +135,23 @@ class Tracker {
   void prefer_proven();
   void remember_weights(Map& map, const TrackedFrame& frame) const;
   /// Optimizes the pose over `matches_` and writes points and rejections; returns the inliers.
-  int optimize(TrackedFrame& frame, const std::vector<PointId>& ids);
+  int optimize(TrackedFrame& frame, const std::vector<PointId>& ids,
+               const std::optional<factors::PosePrior>& prior);
+  /// What the motion so far and the alignment of surfaces say of the pose together.
+  std::optional<factors::PosePrior> expected_motion();
 
   DepthCamera camera_;
   TrackingOptions options_;
-  bool weighted_, geometry_, reject_matches_, learns_;
+  bool weighted_, geometry_, reject_matches_, learns_, metric_;
   std::vector<float> scale_factors_;
   PoseEstimation pose_;
   LocalMap local_map_;
   RigidTransform velocity_;                  // T_cam_last, by aligned surfaces where there are any
   RigidTransform predicted_;                 // the same by the motion so far alone
   std::optional<factors::PosePrior> prior_;  // by aligned surfaces
-  double step_ = 0.0;                        // seconds since the last frame
+  MotionFilter motion_;
+  std::optional<Matrix6d> covariance_;  // of the pose that was optimized last
+  double step_ = 0.0;                   // seconds since the last frame
   bool depth_aligned_ = false, wide_step_ = false;
   TrackerTimes times_;
   Predictions predictions_;

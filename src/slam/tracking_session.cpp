@@ -102,7 +102,7 @@ bool TrackingSession::initialize(FrameResult& result, TrackingLock& lock) {
 bool TrackingSession::expect_motion(TrackingLock& lock) {
   const double dt = current_.timestamp - last_.timestamp;
   tracker_.forget_velocity();
-  tracker_.begin_frame(dt);
+  tracker_.begin_frame(last_, dt);
   if (velocity_ && dt <= kMaxGuess) tracker_.set_velocity(se3_exp(dt * *velocity_));
   if (dt > kWideStep) {
     // Over a long step features may go astray unnoticed, so shape has the first word.
