@@ -16,6 +16,7 @@ constexpr std::size_t kTriangulateNeighbours = 10;
 constexpr int kMinShared = 15;               // points that make two keyframes neighbours
 constexpr float kNewWeight = 0.5F;           // belief in a new point where movers are looked for
 constexpr std::size_t kCullNeighbours = 20;  // keyframes looked at for being redundant
+constexpr std::size_t kCullInTurn = 10;      // and so many of the rest of the map
 constexpr std::size_t kRefreshAtOnce = 256;  // points refreshed in one hold of the map
 
 }  // namespace
@@ -202,18 +203,35 @@ bool LocalMapper::is_redundant(const Map& map, KeyframeId candidate) const {
          options_.mapping.redundant_share * static_cast<double>(points);
 }
 
+// The neighbours of a keyframe, some of the rest of the map in turn: what was joined, adjusted or
+// found again elsewhere may have made any keyframe redundant.
+std::vector<KeyframeId> LocalMapper::culling_candidates(const Map& map, KeyframeId id) {
+  std::vector<KeyframeId> candidates = map.covisible_keyframes(id, kCullNeighbours, kMinShared);
+  const std::vector<KeyframeId> all = map.keyframe_ids();
+  for (std::size_t i = 0; i < std::min(kCullInTurn, all.size()); ++i) {
+    const KeyframeId candidate = all[next_to_cull_++ % all.size()];
+    if (std::find(candidates.begin(), candidates.end(), candidate) == candidates.end()) {
+      candidates.push_back(candidate);
+    }
+  }
+  const std::size_t newest = map.keyframe(id).number;
+  const auto must_stay = [&](KeyframeId candidate) {
+    const std::size_t number = map.keyframe(candidate).number;
+    return number == 0 || number + 3 > newest;
+  };
+  candidates.erase(std::remove_if(candidates.begin(), candidates.end(), must_stay),
+                   candidates.end());
+  return candidates;
+}
+
 void LocalMapper::drop_redundant(KeyframeId id, const std::atomic<bool>& stop) {
   std::vector<KeyframeId> candidates, redundant;
   if (options_.mapping.redundant_share >= 1.0) return;
   const Map& map = shared_.map;
   {
     const BackgroundLock lock(shared_.mutex);
-    const Keyframe* newest = map.find_keyframe(id);
-    if (newest == nullptr) return;
-    for (const KeyframeId candidate : map.covisible_keyframes(id, kCullNeighbours, kMinShared)) {
-      const std::size_t number = map.keyframe(candidate).number;
-      if (number != 0 && number + 3 <= newest->number) candidates.push_back(candidate);
-    }
+    if (map.find_keyframe(id) == nullptr) return;
+    candidates = culling_candidates(map, id);
   }
   for (const KeyframeId candidate : candidates) {
     if (stop) return;

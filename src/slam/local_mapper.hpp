@@ -45,6 +45,7 @@ class LocalMapper {
   void fuse_neighbours(KeyframeId keyframe, const std::atomic<bool>& stop);
   void adjust_bundle(KeyframeId keyframe, const std::atomic<bool>& stop);
   void drop_redundant(KeyframeId keyframe, const std::atomic<bool>& stop);
+  std::vector<KeyframeId> culling_candidates(const Map& map, KeyframeId keyframe);
   bool is_redundant(const Map& map, KeyframeId candidate) const;
 
   DepthCamera camera_;
@@ -53,6 +54,7 @@ class LocalMapper {
   SharedMap& shared_;
   PointFusion fusion_;
   PointTriangulator triangulator_;
+  std::size_t next_to_cull_ = 0;       // where the look at the rest of the map goes on
   std::vector<PointId> young_points_;  // guarded by the map's lock
   factors::BundleWorkspace workspace_;
 };
