@@ -41,12 +41,14 @@ class LocalMapper {
 
  private:
   void drop_bad_points();
+  void drop_unproven_points(KeyframeId keyframe);
+  bool is_rarely_found(const MapPoint& point) const;
   void triangulate(KeyframeId keyframe, const std::atomic<bool>& stop);
   void fuse_neighbours(KeyframeId keyframe, const std::atomic<bool>& stop);
   void adjust_bundle(KeyframeId keyframe, const std::atomic<bool>& stop);
   void drop_redundant(KeyframeId keyframe, const std::atomic<bool>& stop);
   std::vector<KeyframeId> culling_candidates(const Map& map, KeyframeId keyframe);
-  bool is_redundant(const Map& map, KeyframeId candidate) const;
+  double redundancy(const Map& map, KeyframeId candidate) const;
 
   DepthCamera camera_;
   SystemOptions options_;
