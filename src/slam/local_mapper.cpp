@@ -1,9 +1,12 @@
 #include "local_mapper.hpp"
 
 #include <algorithm>
+#include <functional>
+#include <map>
 #include <unordered_set>
 #include <utility>
 
+#include "local_map.hpp"
 #include "map_bundle.hpp"
 
 namespace dynslam::slam {
@@ -16,6 +19,9 @@ constexpr std::size_t kTriangulateNeighbours = 10;
 constexpr int kMinShared = 15;               // points that make two keyframes neighbours
 constexpr float kNewWeight = 0.5F;           // belief in a new point where movers are looked for
 constexpr std::size_t kCullNeighbours = 20;  // keyframes looked at for being redundant
+constexpr std::size_t kFewestPoints = 15;    // that a keyframe must show to be of use
+constexpr std::size_t kCrowd = 100;      // keyframes at one place, beyond which more add nothing
+constexpr std::size_t kCullInTurn = 10;  // and so many of the rest of the map
 constexpr std::size_t kRefreshAtOnce = 256;  // points refreshed in one hold of the map
 
 }  // namespace
@@ -97,6 +103,7 @@ void LocalMapper::adopt_map() {
 
 void LocalMapper::refine(KeyframeId id, bool with_bundle, const std::atomic<bool>& stop) {
   drop_bad_points();
+  drop_unproven_points(id);
   if (options_.sensor != Sensor::kRgbd) triangulate(id, stop);
   fuse_neighbours(id, stop);
   if (options_.bundle_adjustment && with_bundle) adjust_bundle(id, stop);
@@ -110,11 +117,9 @@ void LocalMapper::drop_bad_points() {
     const MapPoint* point = map.find_point(id);
     if (point == nullptr) return true;
     const std::size_t age = map.keyframes_made() - point->born_keyframe;
-    const bool rarely_found =
-        point->found < options_.mapping.min_found_share * static_cast<double>(point->visible);
     const bool rarely_seen =
         age >= kTrialKeyframes && point->observations.size() < kTrialObservations;
-    if (rarely_found || rarely_seen) {
+    if (is_rarely_found(*point) || rarely_seen) {
       map.erase_point(id);
       return true;
     }
@@ -122,6 +127,26 @@ void LocalMapper::drop_bad_points() {
   };
   young_points_.erase(std::remove_if(young_points_.begin(), young_points_.end(), settled),
                       young_points_.end());
+}
+
+// A point of few observations stays on trial: where the frames that should show it do not any more,
+// it was on something that has left, or nothing that can be found again.
+void LocalMapper::drop_unproven_points(KeyframeId id) {
+  const BackgroundLock lock(shared_.mutex);
+  Map& map = shared_.map;
+  if (map.find_keyframe(id) == nullptr) return;
+  LocalMap around;
+  around.collect(map, {}, id, options_.tracking.local_keyframes);
+  for (const PointId candidate : around.ids) {
+    const MapPoint& point = map.point(candidate);
+    if (point.observations.size() <= kTrialObservations && is_rarely_found(point)) {
+      map.erase_point(candidate);
+    }
+  }
+}
+
+bool LocalMapper::is_rarely_found(const MapPoint& point) const {
+  return point.found < options_.mapping.min_found_share * static_cast<double>(point.visible);
 }
 
 void LocalMapper::triangulate(KeyframeId id, const std::atomic<bool>& stop) {
@@ -182,8 +207,8 @@ void LocalMapper::adjust_bundle(KeyframeId id, const std::atomic<bool>& stop) {
   }
 }
 
-// Whether three others see enough of a keyframe's points at least as finely.
-bool LocalMapper::is_redundant(const Map& map, KeyframeId candidate) const {
+// Share of a keyframe's points that three others see at least as finely; 1 if it has lost them.
+double LocalMapper::redundancy(const Map& map, KeyframeId candidate) const {
   const Keyframe& keyframe = map.keyframe(candidate);
   std::size_t points = 0, covered = 0;
   for (std::size_t i = 0; i < keyframe.points.size(); ++i) {
@@ -198,35 +223,63 @@ bool LocalMapper::is_redundant(const Map& map, KeyframeId candidate) const {
         });
     if (as_fine >= 3) ++covered;
   }
-  return static_cast<double>(covered) >
-         options_.mapping.redundant_share * static_cast<double>(points);
+  if (points < kFewestPoints) return 1.0;
+  return static_cast<double>(covered) / static_cast<double>(points);
 }
 
-void LocalMapper::drop_redundant(KeyframeId id, const std::atomic<bool>& stop) {
-  std::vector<KeyframeId> candidates, redundant;
-  if (options_.mapping.redundant_share >= 1.0) return;
-  const Map& map = shared_.map;
-  {
-    const BackgroundLock lock(shared_.mutex);
-    const Keyframe* newest = map.find_keyframe(id);
-    if (newest == nullptr) return;
-    for (const KeyframeId candidate : map.covisible_keyframes(id, kCullNeighbours, kMinShared)) {
-      const std::size_t number = map.keyframe(candidate).number;
-      if (number != 0 && number + 3 <= newest->number) candidates.push_back(candidate);
+// The neighbours of a keyframe, and some of the rest of the map in turn: what was joined, adjusted
+// or found again elsewhere may have made any keyframe redundant.
+std::vector<KeyframeId> LocalMapper::culling_candidates(const Map& map, KeyframeId id) {
+  const bool crowded = map.keyframe(id).covisible.size() > kCrowd;
+  std::vector<KeyframeId> candidates =
+      crowded ? map.covisible_keyframes(id, map.keyframe_count())
+              : map.covisible_keyframes(id, kCullNeighbours, kMinShared);
+  const std::vector<KeyframeId> all = map.keyframe_ids();
+  for (std::size_t i = 0; i < std::min(kCullInTurn, all.size()); ++i) {
+    const KeyframeId candidate = all[next_to_cull_++ % all.size()];
+    if (std::find(candidates.begin(), candidates.end(), candidate) == candidates.end()) {
+      candidates.push_back(candidate);
     }
   }
+  const std::size_t newest = map.keyframe(id).number;
+  const auto must_stay = [&](KeyframeId candidate) {
+    const std::size_t number = map.keyframe(candidate).number;
+    return number == 0 || number + 3 > newest;
+  };
+  candidates.erase(std::remove_if(candidates.begin(), candidates.end(), must_stay),
+                   candidates.end());
+  return candidates;
+}
+
+// Drops what is redundant, and of a crowd around the keyframe those that add least to it.
+void LocalMapper::drop_redundant(KeyframeId id, const std::atomic<bool>& stop) {
+  if (options_.mapping.redundant_share >= 1.0) return;
+  const Map& map = shared_.map;
+  std::vector<KeyframeId> candidates;
+  std::map<KeyframeId, int> around;
+  {
+    const BackgroundLock lock(shared_.mutex);
+    if (map.find_keyframe(id) == nullptr) return;
+    candidates = culling_candidates(map, id);
+    around = map.keyframe(id).covisible;
+  }
+  std::vector<std::pair<double, KeyframeId>> ranked;
   for (const KeyframeId candidate : candidates) {
     if (stop) return;
     const BackgroundLock lock(shared_.mutex);
-    if (map.find_keyframe(candidate) != nullptr && is_redundant(map, candidate)) {
-      redundant.push_back(candidate);
-    }
+    if (map.find_keyframe(candidate) == nullptr) continue;
+    ranked.emplace_back(redundancy(map, candidate), candidate);
   }
-  for (const KeyframeId keyframe : redundant) {
+  std::sort(ranked.begin(), ranked.end(), std::greater<>());
+  std::size_t crowd = around.size();
+  for (const auto& [share, keyframe] : ranked) {
+    const bool is_around = around.count(keyframe) != 0;
+    if (share <= options_.mapping.redundant_share && !(is_around && crowd > kCrowd)) continue;
     const BackgroundLock lock(shared_.mutex);
     if (map.find_keyframe(keyframe) == nullptr) continue;
     shared_.log.release(map, keyframe, id);
     shared_.map.erase_keyframe(keyframe);
+    if (is_around) --crowd;
   }
 }
 

@@ -41,11 +41,14 @@ class LocalMapper {
 
  private:
   void drop_bad_points();
+  void drop_unproven_points(KeyframeId keyframe);
+  bool is_rarely_found(const MapPoint& point) const;
   void triangulate(KeyframeId keyframe, const std::atomic<bool>& stop);
   void fuse_neighbours(KeyframeId keyframe, const std::atomic<bool>& stop);
   void adjust_bundle(KeyframeId keyframe, const std::atomic<bool>& stop);
   void drop_redundant(KeyframeId keyframe, const std::atomic<bool>& stop);
-  bool is_redundant(const Map& map, KeyframeId candidate) const;
+  std::vector<KeyframeId> culling_candidates(const Map& map, KeyframeId keyframe);
+  double redundancy(const Map& map, KeyframeId candidate) const;
 
   DepthCamera camera_;
   SystemOptions options_;
@@ -53,6 +56,7 @@ class LocalMapper {
   SharedMap& shared_;
   PointFusion fusion_;
   PointTriangulator triangulator_;
+  std::size_t next_to_cull_ = 0;       // where the look at the rest of the map goes on
   std::vector<PointId> young_points_;  // guarded by the map's lock
   factors::BundleWorkspace workspace_;
 };

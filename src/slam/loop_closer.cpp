@@ -1,7 +1,9 @@
 #include "loop_closer.hpp"
 
 #include <algorithm>
+#include <iterator>
 #include <unordered_map>
+#include <unordered_set>
 #include <utility>
 
 #include "dynslam/factors/bundle_adjustment.hpp"
@@ -56,28 +58,29 @@ KeyframeLook LoopCloser::look_of(const Map& map, KeyframeId id) const {
   return look;
 }
 
-// Keyframes whose place the camera has had in view all the time, the query's own excluded: no loop
-// leads there. A place is left when several keyframes in a row do not see it; whether tracking has
-// found its points again since does not matter.
+// Keyframes to which no loop leads: a loop has joined their place before and the query still sees
+// it, or the camera has had it in view all the time. A place is left when several keyframes in a
+// row do not see it; that tracking has found its points again by itself does not matter the first
+// time that the camera comes back.
 std::vector<KeyframeId> LoopCloser::never_left(const Map& map, KeyframeId query) const {
   const std::vector<KeyframeId> all = map.keyframe_ids();
   std::vector<KeyframeId> ids;
   for (std::size_t c = 0; c < all.size() && all[c] != query; ++c) {
     const auto& covisible = map.keyframe(all[c]).covisible;
-    const auto shared = [&](KeyframeId id) {
+    const auto sees_it = [&](KeyframeId id) {
       const auto found = covisible.find(id);
-      return found == covisible.end() ? 0 : found->second;
+      return id == all[c] || (found != covisible.end() && found->second >= kMinShared);
     };
-    const auto came_back = [&](KeyframeId id) {
-      return std::any_of(closed_.begin(), closed_.end(), [&](const LoopMatch& loop) {
-        return loop.query == id && (loop.match == all[c] || shared(loop.match) >= kMinShared);
-      });
-    };
+    std::unordered_set<KeyframeId> returned;  // keyframes that closed a loop here
+    for (const LoopMatch& loop : closed_) {
+      if (sees_it(loop.match) || sees_it(loop.query)) returned.insert(loop.query);
+    }
+    const bool joined = !returned.empty() && sees_it(query);
     int missed = 0;
     bool left = false;
-    for (std::size_t k = c + 1; k < all.size() && all[k] != query; ++k) {
-      missed = shared(all[k]) >= kMinShared ? 0 : missed + 1;
-      left = (left || missed >= options_.consistency) && !came_back(all[k]);
+    for (std::size_t k = c + 1; k < all.size() && all[k] != query && !joined; ++k) {
+      missed = sees_it(all[k]) ? 0 : missed + 1;
+      left = (left || missed >= options_.consistency) && returned.count(all[k]) == 0;
     }
     if (!left) ids.push_back(all[c]);
   }
@@ -88,9 +91,12 @@ void LoopCloser::forget_erased() {
   std::vector<KeyframeId> erased;
   {
     const BackgroundLock lock(shared_.mutex);
-    for (const KeyframeId id : stored_) {
-      if (shared_.map.find_keyframe(id) == nullptr) erased.push_back(id);
-    }
+    const auto is_gone = [&](KeyframeId id) { return shared_.map.find_keyframe(id) == nullptr; };
+    std::copy_if(stored_.begin(), stored_.end(), std::back_inserter(erased), is_gone);
+    const auto joins_nothing = [&](const LoopMatch& loop) {
+      return is_gone(loop.query) && is_gone(loop.match);
+    };
+    closed_.erase(std::remove_if(closed_.begin(), closed_.end(), joins_nothing), closed_.end());
   }
   for (const KeyframeId id : erased) {
     database_.remove(id);
@@ -190,6 +196,7 @@ bool LoopCloser::correct(const LoopMatch& match) {
   }
   closures_.push_back(closure);
   closed_.push_back(match);
+  closed_.back().points = {};  // which serve the fusion only
   return true;
 }
 

@@ -57,9 +57,9 @@ class LoopCloser {
   LoopCheck check_;
   PointFusion fusion_;
   factors::BundleWorkspace workspace_;
-  std::vector<KeyframeId> stored_;  // in the database
-  std::size_t next_training_;       // keyframes
-  std::vector<LoopMatch> closed_;
+  std::vector<KeyframeId> stored_;     // in the database
+  std::size_t next_training_;          // keyframes
+  std::vector<LoopMatch> closed_;      // of keyframes that are in the map still, without points
   std::vector<LoopClosure> closures_;  // guarded by the map's lock
 };
 

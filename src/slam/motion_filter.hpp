@@ -27,6 +27,8 @@ class MotionFilter {
   /// update, moved by whatever the map was corrected by since. Without an update between two
   /// predictions the motion is forgotten.
   void predict(const RigidTransform& T_last_world, double dt);
+  /// Forgets all: the next update begins anew.
+  void reset() { moving_ = predicted_ = false; }
   /// Takes a prediction back: the next update begins anew.
   void forget_prediction() { predicted_ = false; }
   /// Whether there is a prediction.

@@ -83,6 +83,8 @@ class Tracker {
   RigidTransform expected_pose(const TrackedFrame& last) const {
     return (velocity_ * last.T_cam_world).normalized();
   }
+  /// Forgets how the camera moved: the pose it has now was not reached by moving.
+  void forget_motion() { motion_.reset(); }
   void forget_velocity() { velocity_ = predicted_ = RigidTransform(); }
 
   const LocalMap& local_map() const { return local_map_; }

@@ -21,7 +21,8 @@ constexpr std::size_t kRestartKeyframes = 3;
 // wrist, beside errors of the pose, which grow with the distance of what is seen.
 constexpr double kMaxAcceleration = 50.0;      // m/s^2
 constexpr double kMaxTurn = 200.0;             // rad/s^2
-constexpr double kPoseNoise = 0.05;            // share of the median depth, and radians
+constexpr double kPoseNoise = 0.03;            // share of the median depth, and radians
+constexpr double kUnknownVelocity = 2.0;       // by which more it may have gone from one unknown
 constexpr float kUnknownPoint = 0.5F;          // belief in a point of which nothing is known
 constexpr int kWantedPoints = 100;             // a frame that tracks fewer, and could have
 constexpr int kSparePoints = 70;               // so many more, becomes a keyframe
@@ -240,32 +241,56 @@ void TrackingSession::make_keyframe(FrameResult& result, TrackingLock& lock) {
   if (options_.sensor != Sensor::kRgbd) current_.points = refined->points;  // triangulated ones
 }
 
-bool TrackingSession::jumped() const {
-  const std::optional<RigidTransform> T_last_world = shared_.log.last_pose(shared_.map);
-  if (!T_last_world) return false;
+// Median distance of the points that the frame shows, along its axis; 0 if it shows none.
+double TrackingSession::median_depth() const {
   std::vector<double> depths;
   for (const PointId id : current_.points) {
     const MapPoint* point = shared_.map.find_point(id);
     if (point != nullptr) depths.push_back((current_.T_cam_world * point->position).z());
   }
-  if (depths.empty()) return false;
+  if (depths.empty()) return 0.0;
   const auto middle = depths.begin() + static_cast<std::ptrdiff_t>(depths.size() / 2);
   std::nth_element(depths.begin(), middle, depths.end());
-  const double dt = current_.timestamp - last_.timestamp;
-  const Vector6d moved = velocity_ ? Vector6d(dt * *velocity_) : Vector6d::Zero();
-  const RigidTransform off = current_.T_cam_world * (se3_exp(moved) * *T_last_world).inverse();
-  const double doubt = velocity_ ? 1.0 : 2.0;
-  return off.t.norm() > doubt * (kPoseNoise * *middle + kMaxAcceleration * dt * dt) ||
-         so3_log(off.R).norm() > doubt * (kPoseNoise + kMaxTurn * dt * dt);
+  return *middle;
 }
 
+// Judged from where the last frame is and from where it was said to be: mapping may have moved it
+// since. Corrections by a loop are told by the loops of the result.
+bool TrackingSession::jumped() const {
+  const std::optional<RigidTransform> T_last_world = shared_.log.last_pose(shared_.map);
+  if (!T_last_world) return false;
+  const double dt = current_.timestamp - last_.timestamp;
+  const double doubt = velocity_ ? 1.0 : kUnknownVelocity;
+  const double max_way = kPoseNoise * median_depth() + doubt * kMaxAcceleration * dt * dt;
+  const double max_turn = kPoseNoise + doubt * kMaxTurn * dt * dt;
+  const RigidTransform expected = se3_exp(velocity_ ? Vector6d(dt * *velocity_) : Vector6d::Zero());
+  const auto is_far_from = [&](const RigidTransform& T_before_world) {
+    const RigidTransform off = current_.T_cam_world * (expected * T_before_world).inverse();
+    return off.t.norm() > max_way || so3_log(off.R).norm() > max_turn;
+  };
+  const bool loop_told = backend_.closures().size() != told_loops_;
+  return is_far_from(*T_last_world) || (told_ && !loop_told && is_far_from(*told_));
+}
+
+// What exceeds the acceleration of a camera is an error of the pose and no velocity.
 void TrackingSession::update_velocity() {
+  const Vector6d before = velocity_.value_or(Vector6d::Zero());
+  const double doubt = velocity_ ? 1.0 : kUnknownVelocity;
   velocity_.reset();
-  if (state_ == TrackingState::kRelocalized) return;
+  if (state_ == TrackingState::kRelocalized) {
+    tracker_.forget_motion();
+    return;
+  }
   const std::optional<RigidTransform> T_last_world = shared_.log.last_pose(shared_.map);
   if (!T_last_world) return;
   const double dt = current_.timestamp - last_.timestamp;
-  velocity_ = se3_log(current_.T_cam_world * T_last_world->inverse()) / dt;
+  Vector6d change = se3_log(current_.T_cam_world * T_last_world->inverse()) / dt - before;
+  const auto limit = [&](auto part, double most) {
+    if (part.norm() > most) part *= most / part.norm();
+  };
+  limit(change.head<3>(), doubt * kMaxAcceleration * dt);
+  limit(change.tail<3>(), doubt * kMaxTurn * dt);
+  velocity_ = before + change;
 }
 
 // Lets go of the features that move by geometry, given a first pose of the frame.
@@ -379,13 +404,14 @@ void TrackingSession::step(FrameResult& result) {
     if (corrected || (state_ == TrackingState::kTracked && jumped())) {
       state_ = TrackingState::kRelocalized;
     }
-    result.state = state_;
     shared_.log.reference = tracker_.local_map().reference;
     ++frames_since_keyframe_;
     update_velocity();
     if (state_ == TrackingState::kTracked && wants_keyframe(result.inliers)) {
       make_keyframe(result, lock);
+      if (jumped()) state_ = TrackingState::kRelocalized;
     }
+    result.state = state_;
   }
   result.ms.match = times.match;
   result.ms.optimize = times.optimize;
@@ -397,7 +423,8 @@ void TrackingSession::step(FrameResult& result) {
   }
   shared_.log.add(shared_.map, current_.timestamp,
                   located ? std::optional(current_.T_cam_world) : std::nullopt);
-  result.loops = backend_.closures().size();
+  result.loops = told_loops_ = backend_.closures().size();
+  told_ = located ? std::optional(current_.T_cam_world) : std::nullopt;
   if (state_ == TrackingState::kLost) restart_if_hopeless();
   std::swap(last_, current_);
 }

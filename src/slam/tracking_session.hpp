@@ -51,6 +51,7 @@ class TrackingSession {
   bool looks_new() const;
   void make_keyframe(FrameResult& result, TrackingLock& lock);
   void find_movers(FrameResult& result, TrackingLock& lock);
+  double median_depth() const;
   /// Whether the frame is elsewhere than any motion since the last one could have taken it.
   bool jumped() const;
   /// Looks back at the start of the map; true if the camera was elsewhere than it was tracked.
@@ -75,11 +76,13 @@ class TrackingSession {
   std::size_t frames_since_keyframe_ = 0;
   std::size_t next_candidate_ = 0;  // where the search for a lost frame goes on
   double lost_since_ = 0.0;
-  bool movers_found_ = false;         // in the last frame
-  bool known_map_ = false;            // it is not dropped, however long the camera is lost
-  RigidTransform T_cam_origin_;       // pose of the frame that a map begins with
-  std::optional<Vector6d> velocity_;  // twist of T_cam_last a second
-  std::uint64_t corrections_ = 0;     // of the map that the poses kept here know of
+  bool movers_found_ = false;           // in the last frame
+  bool known_map_ = false;              // it is not dropped, however long the camera is lost
+  RigidTransform T_cam_origin_;         // pose of the frame that a map begins with
+  std::optional<Vector6d> velocity_;    // twist of T_cam_last a second
+  std::optional<RigidTransform> told_;  // T_cam_world of the last frame as it was returned
+  std::size_t told_loops_ = 0;          // and the loops beside it
+  std::uint64_t corrections_ = 0;       // of the map that the poses kept here know of
 };
 
 }  // namespace dynslam::slam

@@ -2,7 +2,7 @@
 // whatever happens: no crash, no hang, no NaN, a sound map, no silent jump, a trajectory for all
 // the time it was not lost, and tracking again when all is well again.
 //
-//   fault_runs [RUNS] [FIRST_SEED]        default 12 1; the full count is 200
+//   fault_runs [RUNS] [FIRST_SEED] [usual|harsh]     default 12 1 usual; the full count is 200
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -25,6 +25,7 @@
 namespace dynslam::slam {
 namespace {
 
+using testing::FaultRate;
 using testing::FaultyFrame;
 using testing::FaultySource;
 
@@ -58,7 +59,6 @@ SystemOptions options_of(std::uint64_t seed) {
 struct Step {
   FrameResult result;
   std::size_t shown = 0;  // frame of the sequence whose content it was
-  bool disturbed = false;
 };
 
 [[noreturn]] void fail(const std::string& what) { throw std::runtime_error(what); }
@@ -111,7 +111,7 @@ void check_recovery(const std::vector<Step>& steps) {
 
 std::optional<Step> feed(System& system, const FaultyFrame& frame) {
   try {
-    Step step{system.track(frame.input), frame.shown, frame.disturbed};
+    Step step{system.track(frame.input), frame.shown};
     if (frame.refused) fail("a frame that breaks the contract was taken");
     return step;
   } catch (const InvalidArgument& error) {
@@ -143,12 +143,12 @@ void run(const std::vector<dataset::Frame>& frames, FaultySource& source, std::u
   }
 }
 
-int run_all(int runs, std::uint64_t first_seed) {
+int run_all(int runs, std::uint64_t first_seed, FaultRate rate) {
   const std::vector<dataset::Frame> frames = render();
   int failed = 0;
   for (std::uint64_t seed = first_seed; seed < first_seed + static_cast<std::uint64_t>(runs);
        ++seed) {
-    FaultySource source(frames, seed, kQuiet);
+    FaultySource source(frames, seed, kQuiet, rate);
     std::printf("run %llu: %s", static_cast<unsigned long long>(seed), source.describe().c_str());
     std::fflush(stdout);
     ::alarm(kLongestRun);  // a hang ends the program with a signal
@@ -171,5 +171,7 @@ int run_all(int runs, std::uint64_t first_seed) {
 int main(int argc, char** argv) {
   const int runs = argc > 1 ? std::atoi(argv[1]) : 12;
   const std::uint64_t seed = argc > 2 ? std::strtoull(argv[2], nullptr, 10) : 1;
-  return dynslam::slam::run_all(runs, seed);
+  const bool harsh = argc > 3 && std::string(argv[3]) == "harsh";
+  using dynslam::slam::testing::FaultRate;
+  return dynslam::slam::run_all(runs, seed, harsh ? FaultRate::kHarsh : FaultRate::kUsual);
 }

@@ -28,6 +28,21 @@ enum class FaultKind {
   kTimeBackward,   ///< a frame dated before the last one: refused
   kCovered,        ///< a hand on the lens: neither image nor depth
   kKidnapped,      ///< the camera is carried elsewhere: the sequence jumps
+  kHalfBlack,      ///< one half of the image is black: a torn transfer
+  kWhite,          ///< the image is saturated
+  kDim,            ///< the light goes down to a fifth
+  kBlurred,        ///< the image is smeared over 25 pixels
+  kOtherSize,      ///< image of another size: refused
+  kOtherType,      ///< depth of another type: refused
+  kWildDepth,      ///< depth holds infinities, negative and huge values
+  kSparseDepth,    ///< one depth in fifty is left
+  kLateDepth,      ///< the depth image is one of ten frames ago
+  kWrongUnits,     ///< depth in other units: half of what it should be
+  kNoiseMask,      ///< the mask is random
+  kInvertedMask,   ///< the mask covers what stands still
+  kLateMask,       ///< the mask is one of ten frames ago
+  kWrongMask,      ///< mask of another size: refused
+  kNanTime,        ///< no time: refused
   kCount,
 };
 
@@ -42,17 +57,23 @@ struct Fault {
 /// A frame as the system gets it.
 struct FaultyFrame {
   FrameInput input;
-  std::size_t shown = 0;   ///< frame of the sequence whose content this is
-  bool disturbed = false;  ///< content, time or mask are not the sequence's
-  bool refused = false;    ///< breaks the contract: InvalidArgument is the right answer
+  std::size_t shown = 0;  ///< frame of the sequence whose content this is
+  bool refused = false;   ///< breaks the contract: InvalidArgument is the right answer
 };
 
-/// One to four faults and perhaps an end before the sequence's, drawn from a seed.
+/// How much goes wrong in a run.
+enum class FaultRate {
+  kUsual,  ///< one to four faults
+  kHarsh,  ///< five to fifteen, one hard on the other
+};
+
+/// Faults and perhaps an end before the sequence's, drawn from a seed.
 class FaultySource {
  public:
   /// Frames and masks of the sequence must outlive the source. The first `quiet` frames are left
   /// in order in half of the runs, the last `quiet` always.
-  FaultySource(const std::vector<dataset::Frame>& frames, std::uint64_t seed, std::size_t quiet);
+  FaultySource(const std::vector<dataset::Frame>& frames, std::uint64_t seed, std::size_t quiet,
+               FaultRate rate = FaultRate::kUsual);
 
   /// All frames of the run, in order.
   std::vector<FaultyFrame> frames();
@@ -63,6 +84,9 @@ class FaultySource {
 
  private:
   void spoil(FaultyFrame& frame, const Fault& fault, std::size_t index);
+  void spoil_image(FaultyFrame& frame, FaultKind kind);
+  void spoil_depth(FaultyFrame& frame, FaultKind kind, std::size_t index);
+  void spoil_mask(FaultyFrame& frame, FaultKind kind, std::size_t index);
   const Fault* fault_at(std::size_t index) const;
 
   const std::vector<dataset::Frame>& frames_;

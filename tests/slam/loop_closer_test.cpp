@@ -136,6 +136,24 @@ TEST_F(LoopCloserTest, ForgetsKeyframesThatWereErased) {
   }
 }
 
+TEST_F(LoopCloserTest, TellsAReturnThatTrackingJoinedOnceForEachPlace) {
+  world.memory = 1000;
+  const auto turn = [&] {
+    for (std::size_t k = 0; k < kTurn; ++k) {
+      const double degrees = kStep * static_cast<double>(ids.size() % kTurn);
+      ids.push_back(world.look(degrees, SyntheticMap::true_pose(degrees)));
+      closer.process(ids.back(), stop);
+    }
+    return closer.closures().size();
+  };
+  turn();
+  turn();
+  const std::size_t loops = turn();
+  EXPECT_GT(loops, 0U);
+  EXPECT_GT(closer.closures().front().shared, 0);
+  EXPECT_EQ(turn(), loops);
+}
+
 TEST_F(LoopCloserTest, DoesNothingOnceItIsStopped) {
   walk(0, kTurn - 2);
   stop = true;

@@ -96,11 +96,10 @@ class SyntheticMap {
   DepthCamera camera;
   SharedMap shared;
   std::vector<WallPoint> wall;
+  std::size_t memory = 3;  ///< keyframes after which a point is not found again
 
  private:
   static constexpr double kPi = 3.14159265358979323846;
-  static constexpr std::size_t kMemory = 3;  // keyframes after which a point is not found again
-
   struct Known {
     PointId id = kNoId;
     std::size_t keyframes = 0;  // made when it was last seen
@@ -118,7 +117,7 @@ class SyntheticMap {
     const RigidTransform T_world_cam = T_cam_world.inverse();
     for (std::uint32_t f = 0; f < seen.size(); ++f) {
       Known& known = known_[seen[f]];
-      const bool lost = map.keyframes_made() > known.keyframes + kMemory;
+      const bool lost = map.keyframes_made() > known.keyframes + memory;
       if (!lost && map.find_point(known.id) != nullptr) {
         map.add_observation(known.id, {id, f});
       } else {
