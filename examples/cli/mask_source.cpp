@@ -19,7 +19,8 @@ namespace {
 using Clock = std::chrono::steady_clock;
 
 constexpr std::chrono::seconds kFirstMask{30};  // longest wait for a network to warm up
-constexpr int kOldestMask = 15;                 // frames, as the propagator has it
+constexpr const char* kTruth = "truth";
+constexpr int kOldestMask = 15;  // frames, as the propagator has it
 
 segmentation::MaskPolicyOptions policy_options(const RunFlags& flags) {
   segmentation::MaskPolicyOptions options;
@@ -31,7 +32,7 @@ segmentation::MaskPolicyOptions policy_options(const RunFlags& flags) {
 
 std::unique_ptr<segmentation::Segmenter> open_segmenter(const RunFlags& flags,
                                                         const dataset::Sequence& sequence) {
-  if (flags.segmenter == "truth") return std::make_unique<examples::TruthSegmenter>(sequence);
+  if (flags.segmenter == kTruth) return std::make_unique<examples::TruthSegmenter>(sequence);
   segmentation::SegmenterFactoryOptions options;
   options.network.backend = segmentation::backend_from_name(flags.backend);
   if (flags.asynchronous()) options.network.threads = threads_beside_tracking();
@@ -66,7 +67,9 @@ int threads_beside_tracking() {
 }
 
 MaskSource::MaskSource(const RunFlags& flags, const dataset::Sequence& sequence)
-    : every_(flags.segment_every), policy_(policy_options(flags)) {
+    : every_(flags.segment_every),
+      truth_(flags.segmenter == kTruth),
+      policy_(policy_options(flags)) {
   if (flags.segmenter == "none" || !composition_of(flags).masks) return;
   segmenter_ = open_segmenter(flags, sequence);
   if (!flags.asynchronous()) return;
@@ -97,8 +100,10 @@ void MaskSource::update_now(const dataset::Frame& frame, FrameRow& row) {
 // A segmenter that fails on the way leaves the last mask in place until that is of no use.
 void MaskSource::segment(const dataset::Frame& frame) {
   try {
+    // The truth came with the frame: to read or render that again is not segmentation's time.
     const segmentation::Segmentation found =
-        segmenter_->segment(frame.color, examples::info_of(frame));
+        truth_ ? examples::true_segmentation(frame)
+               : segmenter_->segment(frame.color, examples::info_of(frame));
     policy_.mask(found, segmenter_->class_names(), mask_);
     age_ = 0;
     worked_ = true;

@@ -45,6 +45,7 @@ class MaskSource {
   void update_beside(const dataset::Frame& frame, FrameRow& row);
 
   int every_;
+  bool truth_;  // the frames' own masks
   int age_ = 0;
   bool worked_ = false;
   std::size_t failures_ = 0;

@@ -4,15 +4,18 @@
 
 namespace dynslam::examples {
 
+segmentation::Segmentation true_segmentation(const dataset::Frame& frame) {
+  segmentation::Segmentation found;
+  found.width = frame.color.cols;
+  found.height = frame.color.rows;
+  if (!frame.mask.empty()) found.instances = segmentation::instances_of_labels(frame.mask);
+  return found;
+}
+
 segmentation::Segmentation TruthSegmenter::segment(const cv::Mat& image,
                                                    const segmentation::FrameInfo& info) {
   segmentation::require_segmentable("TruthSegmenter::segment", image, info);
-  segmentation::Segmentation found;
-  found.width = image.cols;
-  found.height = image.rows;
-  const cv::Mat labels = sequence_.read(info.index).mask;
-  if (!labels.empty()) found.instances = segmentation::instances_of_labels(labels);
-  return found;
+  return true_segmentation(sequence_.read(info.index));
 }
 
 segmentation::SegmenterInfo TruthSegmenter::info() const {

@@ -31,20 +31,20 @@ struct Job {
   FrameInfo frame;
 };
 
-Job own(const cv::Mat& image, const FrameInfo& frame) {
-  Job job;
-  job.image = image.clone();
+// Makes `job` hold a copy of a frame; in its old memory, unless a segmenter kept the old image.
+void own(const cv::Mat& image, const FrameInfo& frame, Job& job) {
+  const bool kept = job.image.u != nullptr && job.image.u->refcount > 1;
+  if (kept) job.image.release();
+  image.copyTo(job.image);
   job.frame = frame;
   job.frame.depth = {};
-  if (!frame.depth.empty()) {
+  job.depth.resize(static_cast<std::size_t>(frame.depth.width) *
+                   static_cast<std::size_t>(frame.depth.height));
+  for (int y = 0; y < frame.depth.height; ++y) {
     const auto width = static_cast<std::size_t>(frame.depth.width);
-    job.depth.resize(width * static_cast<std::size_t>(frame.depth.height));
-    for (int y = 0; y < frame.depth.height; ++y) {
-      std::memcpy(job.depth.data() + static_cast<std::size_t>(y) * width, frame.depth.row(y),
-                  width * sizeof(float));
-    }
+    std::memcpy(job.depth.data() + static_cast<std::size_t>(y) * width, frame.depth.row(y),
+                width * sizeof(float));
   }
-  return job;
 }
 
 // On Linux the niceness belongs to the thread that calls. If it is refused, all stays as it was.
@@ -70,6 +70,7 @@ struct AsyncSegmenter::Impl {
   std::condition_variable work;     // a frame came, or stop
   std::condition_variable changed;  // a frame was finished, failed or dropped
   std::deque<Job> queue;
+  std::optional<Job> spare;  // memory of a frame that is done with
   std::deque<AsyncResult> results;
   AsyncStatus status;
 
@@ -77,7 +78,7 @@ struct AsyncSegmenter::Impl {
 
   bool idle() const { return queue.empty() && !status.busy; }
   void run();
-  void process(Job job, std::unique_lock<std::mutex>& lock);
+  void process(Job& job, std::unique_lock<std::mutex>& lock);
 };
 
 void AsyncSegmenter::Impl::run() {
@@ -89,14 +90,15 @@ void AsyncSegmenter::Impl::run() {
     Job job = std::move(queue.front());
     queue.pop_front();
     status.busy = true;
-    process(std::move(job), lock);
+    process(job, lock);
+    spare = std::move(job);
     status.busy = false;
     changed.notify_all();
   }
 }
 
 // Called with the lock held, which is open while the network runs.
-void AsyncSegmenter::Impl::process(Job job, std::unique_lock<std::mutex>& lock) {
+void AsyncSegmenter::Impl::process(Job& job, std::unique_lock<std::mutex>& lock) {
   if (!job.depth.empty()) {
     job.frame.depth = DepthView(job.depth.data(), job.image.cols, job.image.rows);
   }
@@ -143,7 +145,14 @@ AsyncSegmenter::~AsyncSegmenter() {
 
 bool AsyncSegmenter::submit(const cv::Mat& image, const FrameInfo& frame) {
   require_segmentable("AsyncSegmenter::submit", image, frame);
-  Job job = own(image, frame);
+  Job job;
+  {
+    const std::lock_guard<std::mutex> lock(impl_->mutex);
+    if (impl_->status.stopped) return false;
+    if (impl_->spare) job = std::move(*impl_->spare);
+    impl_->spare.reset();
+  }
+  own(image, frame, job);
   std::deque<Job> dropped;  // freed outside the lock
   {
     const std::lock_guard<std::mutex> lock(impl_->mutex);
@@ -154,6 +163,10 @@ bool AsyncSegmenter::submit(const cv::Mat& image, const FrameInfo& frame) {
       dropped.push_back(std::move(impl_->queue.front()));
       impl_->queue.pop_front();
       ++impl_->status.replaced;
+    }
+    if (!dropped.empty() && !impl_->spare) {
+      impl_->spare = std::move(dropped.back());
+      dropped.pop_back();
     }
   }
   impl_->work.notify_one();

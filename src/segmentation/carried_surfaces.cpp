@@ -16,6 +16,7 @@ constexpr int kVoiceCells = 30;
 constexpr int kMargin = 3;  // pixels from a mask's border within which a corner belongs to nobody
 constexpr int kMinRevealed = 60;            // cells; less is noise of the depth image's borders
 constexpr double kMaxRevealedShare = 0.15;  // of the image; more is a part of the room
+constexpr double kRounding = 2.0;           // cells that a moved window is wider for safety
 constexpr std::size_t kMinGroundCorners = 10;
 
 bool covers(const Instance& instance, cv::Point pixel) {
@@ -23,29 +24,13 @@ bool covers(const Instance& instance, cv::Point pixel) {
   return instance.box.contains(pixel) && instance.mask.at<std::uint8_t>(at) != 0;
 }
 
-bool one_surface(float a, float b, const DepthRefinementOptions& options) {
-  const float step =
-      static_cast<float>(options.step_share) * std::min(a, b) + static_cast<float>(options.step_m);
-  return std::abs(a - b) <= step;
+cv::Point cell_at(cv::Point2f at, const HalfDepth& half) {
+  return {std::clamp(static_cast<int>(std::lround(at.x)), 0, half.width - 1),
+          std::clamp(static_cast<int>(std::lround(at.y)), 0, half.height - 1)};
 }
 
-// The cells above, below and beside; how many there are.
-int neighbours(int cell, int width, int height, int out[4]) {
-  const int x = cell % width;
-  const int y = cell / width;
-  int count = 0;
-  if (x > 0) out[count++] = cell - 1;
-  if (x + 1 < width) out[count++] = cell + 1;
-  if (y > 0) out[count++] = cell - width;
-  if (y + 1 < height) out[count++] = cell + width;
-  return count;
-}
-
-int cell_at(cv::Point2f at, const HalfDepth& half) {
-  const int x = std::clamp(static_cast<int>(std::lround(at.x)), 0, half.width - 1);
-  const int y = std::clamp(static_cast<int>(std::lround(at.y)), 0, half.height - 1);
-  return y * half.width + x;
-}
+// The nearest whole number, for numbers above -10000; std::lround is a call.
+int nearest(double value) { return static_cast<int>(value + 10000.5) - 10000; }
 
 // The cells of `in`, which covers the mask's window, in the smallest window.
 CellMask cut_out(const CellMask& mask, const cv::Mat& in) {
@@ -80,76 +65,108 @@ class Revealer {
  public:
   Revealer(const HalfDepth& before, const HalfDepth& now, const std::vector<Instance>& instances,
            const cv::Matx23d& back, const DepthRefinementOptions& options,
-           std::vector<std::uint8_t>& taken)
+           const std::vector<std::uint8_t>& taken)
       : before_(before),
         now_(now),
         back_(back),
         options_(options),
-        taken_(taken),
         count_(instances.size()),
         who_(before.height, before.width, CV_16SC1, cv::Scalar(-1)) {
+    depth_.cut(now, cv::Rect(0, 0, now.width, now.height));
+    state_.assign(depth_.z.size(), 0);
+    for (int y = 0; y < now.height; ++y) {
+      const auto row = static_cast<std::ptrdiff_t>(y) * now.width;
+      const std::uint8_t* facing = now.facing.data() + row;
+      const std::uint8_t* used = taken.data() + row;
+      std::uint8_t* states = state_.data() + depth_.cell_of(0, y);
+      for (int x = 0; x < now.width; ++x) {
+        states[x] =
+            static_cast<std::uint8_t>((facing[x] != 0 ? kFacing : 0) | (used[x] != 0 ? kTaken : 0));
+      }
+    }
     for (std::size_t i = 0; i < instances.size(); ++i) {
       const CellMask mask = cell_mask(instances[i], nullptr);
       who_(mask.cells).setTo(static_cast<double>(i), mask.in);
+      all_ = i == 0 ? mask.cells : all_ | mask.cells;
     }
   }
 
   std::vector<RevealedThing> operator()() {
     std::vector<RevealedThing> things;
-    for (int start = 0; start < now_.width * now_.height; ++start) {
-      if (!open(start) || hider(start) < 0) continue;
-      flood(start);
-      if (is_thing()) things.push_back(thing());
+    const cv::Rect window = behind_instances();
+    for (int y = window.y; y < window.br().y; ++y) {
+      for (int x = window.x; x < window.br().x; ++x) {
+        const int start = depth_.cell_of(x, y);
+        if (state_[static_cast<std::size_t>(start)] != kFacing || !measured(depth_.at(start)) ||
+            hider(start) < 0) {
+          continue;
+        }
+        flood(start);
+        if (is_thing()) things.push_back(thing());
+      }
     }
     return things;
   }
 
  private:
-  bool open(int cell) const {
-    const auto at = static_cast<std::size_t>(cell);
-    return taken_[at] == 0 && measured(now_.z[at]) && now_.facing[at] != 0;
+  enum : std::uint8_t { kFacing = 1, kTaken = 2 };
+
+  // Where the cells are now that an instance was in.
+  cv::Rect behind_instances() const {
+    cv::Matx23d forward;
+    cv::invertAffineTransform(back_, forward);
+    cv::Rect2d window;
+    for (const cv::Point corner :
+         {all_.tl(), all_.br(), cv::Point(all_.x, all_.br().y), cv::Point(all_.br().x, all_.y)}) {
+      const cv::Vec2d at = forward * cv::Vec3d(corner.x, corner.y, 1);
+      const cv::Rect2d around(at[0] - kRounding, at[1] - kRounding, 2 * kRounding, 2 * kRounding);
+      window = window.empty() ? around : window | around;
+    }
+    const cv::Rect2d image(0, 0, now_.width, now_.height);
+    return window & image;
   }
   // The instance that stood before the cell's surface, -1 if none did.
   int hider(int cell) const {
-    const int x = cell % now_.width;
-    const int y = cell / now_.width;
-    const auto sx = static_cast<int>(std::lround(back_(0, 0) * x + back_(0, 1) * y + back_(0, 2)));
-    const auto sy = static_cast<int>(std::lround(back_(1, 0) * x + back_(1, 1) * y + back_(1, 2)));
+    const int x = cell % depth_.stride - 1;
+    const int y = cell / depth_.stride - 1;
+    const int sx = nearest(back_(0, 0) * x + back_(0, 1) * y + back_(0, 2));
+    const int sy = nearest(back_(1, 0) * x + back_(1, 1) * y + back_(1, 2));
     if (sx < 0 || sy < 0 || sx >= before_.width || sy >= before_.height) return -1;
     const int who = who_.at<std::int16_t>(sy, sx);
     if (who < 0) return -1;
     const float z = before_.at(sx, sy);
-    const float limit = (1 - kMaxDepthJump) * now_.z[static_cast<std::size_t>(cell)];
+    const float limit = (1 - kMaxDepthJump) * depth_.at(cell);
     return !measured(z) || z < limit ? who : -1;
   }
   // Gathers the smooth surface of the cell; counts what its border is beside.
   void flood(int start) {
-    cells_.assign(1, start);
+    cells_.clear();
     hidden_by_.assign(count_, 0);
     hidden_ = before_others_ = behind_others_ = 0;
-    taken_[static_cast<std::size_t>(start)] = 1;
+    take(start);
     for (std::size_t next = 0; next < cells_.size(); ++next) {
       const int cell = cells_[next];
-      const int who = hider(cell);
-      if (who >= 0) {
-        ++hidden_;
-        ++hidden_by_[static_cast<std::size_t>(who)];
-      }
       look_around(cell);
+      if (is_too_large()) continue;  // only to be marked
+      const int who = hider(cell);
+      if (who < 0) continue;
+      ++hidden_;
+      ++hidden_by_[static_cast<std::size_t>(who)];
     }
   }
+  void take(int cell) {
+    state_[static_cast<std::size_t>(cell)] |= kTaken;
+    cells_.push_back(cell);
+  }
   void look_around(int cell) {
-    const float z = now_.z[static_cast<std::size_t>(cell)];
-    int around[4];
-    const int count = neighbours(cell, now_.width, now_.height, around);
-    for (int i = 0; i < count; ++i) {
-      const auto at = static_cast<std::size_t>(around[i]);
-      const float there = now_.z[at];
-      if (taken_[at] != 0 || !measured(there)) continue;
+    const float z = depth_.at(cell);
+    for (const int other : depth_.neighbours(cell)) {
+      const std::uint8_t state = state_[static_cast<std::size_t>(other)];
+      const float there = depth_.at(other);
+      if ((state & kTaken) || !measured(there)) continue;
       const bool same = one_surface(there, z, options_);
-      if (same && now_.facing[at] != 0) {
-        taken_[at] = 1;
-        cells_.push_back(around[i]);
+      if (same && state == kFacing) {
+        take(other);
       } else if (!same && there > z) {
         ++before_others_;
       } else {
@@ -157,17 +174,21 @@ class Revealer {
       }
     }
   }
+  bool is_too_large() const {
+    return static_cast<double>(cells_.size()) > kMaxRevealedShare * now_.width * now_.height;
+  }
   bool is_thing() const {
     const std::size_t count = cells_.size();
-    return count >= kMinRevealed &&
-           static_cast<double>(count) <= kMaxRevealedShare * now_.width * now_.height &&
-           2 * hidden_ >= count && before_others_ >= behind_others_;
+    return count >= kMinRevealed && !is_too_large() && 2 * hidden_ >= count &&
+           before_others_ >= behind_others_;
   }
   RevealedThing thing() const {
     RevealedThing thing;
     thing.mask.cells = cv::Rect(0, 0, now_.width, now_.height);
     thing.mask.in = cv::Mat::zeros(now_.height, now_.width, CV_8UC1);
-    for (const int cell : cells_) thing.mask.in.data[cell] = 255;
+    for (const int cell : cells_) {
+      thing.mask.in.at<std::uint8_t>(cell / depth_.stride - 1, cell % depth_.stride - 1) = 255;
+    }
     const auto most = std::max_element(hidden_by_.begin(), hidden_by_.end());
     thing.hider = static_cast<std::size_t>(most - hidden_by_.begin());
     return thing;
@@ -177,9 +198,11 @@ class Revealer {
   const HalfDepth& now_;
   cv::Matx23d back_;
   const DepthRefinementOptions& options_;
-  std::vector<std::uint8_t>& taken_;
+  WalledDepth depth_;                // of all of `now_`
+  std::vector<std::uint8_t> state_;  // of its cells
   std::size_t count_;
-  cv::Mat who_;  // instance of every cell of the older frame, -1 = none
+  cv::Rect all_;  // window of all instances in the older frame
+  cv::Mat who_;   // instance of every cell of the older frame, -1 = none
   std::vector<int> cells_;
   std::vector<std::size_t> hidden_by_;
   std::size_t hidden_ = 0, before_others_ = 0, behind_others_ = 0;
@@ -231,34 +254,36 @@ std::vector<CellMask> smooth_parts(const CellMask& mask, const DepthRefinementOp
   CellMask rest = mask;
   rest.in = mask.in.clone();
   const int width = mask.in.cols;
-  const int height = mask.in.rows;
-  std::vector<std::uint8_t> seen(mask.in.total(), 0);
+  WalledDepth depth;  // only of the mask; less than 0 where the search was
+  depth.clear(mask.in.size());
+  for (int y = 0; y < depth.height; ++y) {
+    const auto* z = mask.z.ptr<float>(y);
+    const std::uint8_t* in = mask.in.ptr(y);
+    float* out = depth.z.data() + depth.cell_of(0, y);
+    for (int x = 0; x < width; ++x) out[x] = in[x] != 0 ? z[x] : 0.0F;
+  }
   std::vector<int> cells;
-  for (int start = 0; start < width * height; ++start) {
-    const auto usable = [&](int cell) {
-      return seen[static_cast<std::size_t>(cell)] == 0 && mask.in.data[cell] != 0 &&
-             measured(mask.z.ptr<float>()[cell]);
-    };
-    if (!usable(start)) continue;
-    cells.assign(1, start);
-    seen[static_cast<std::size_t>(start)] = 1;
+  const auto visit = [&](int cell) {
+    depth.z[static_cast<std::size_t>(cell)] *= -1;
+    cells.push_back(cell);
+  };
+  for (int start = depth.begin(); start < depth.end(); ++start) {
+    if (!measured(depth.at(start))) continue;
+    cells.clear();
+    visit(start);
     for (std::size_t next = 0; next < cells.size(); ++next) {
-      int around[4];
-      const int count = neighbours(cells[next], width, height, around);
-      for (int i = 0; i < count; ++i) {
-        if (!usable(around[i]) || !one_surface(mask.z.ptr<float>()[around[i]],
-                                               mask.z.ptr<float>()[cells[next]], options)) {
-          continue;
-        }
-        seen[static_cast<std::size_t>(around[i])] = 1;
-        cells.push_back(around[i]);
+      const float z = -depth.at(cells[next]);
+      for (const int other : depth.neighbours(cells[next])) {
+        const float there = depth.at(other);
+        if (measured(there) && one_surface(there, z, options)) visit(other);
       }
     }
     if (cells.size() < static_cast<std::size_t>(least)) continue;
     cv::Mat in = cv::Mat::zeros(mask.in.size(), CV_8UC1);
     for (const int cell : cells) {
-      in.data[cell] = 255;
-      rest.in.data[cell] = 0;
+      const int at = (cell / depth.stride - 1) * width + cell % depth.stride - 1;
+      in.data[at] = 255;
+      rest.in.data[at] = 0;
     }
     parts.push_back(cut_out(mask, in));
   }
@@ -269,16 +294,25 @@ std::vector<CellMask> smooth_parts(const CellMask& mask, const DepthRefinementOp
 }
 
 void surfaces_from_outside(const HalfDepth& now, const CarriedCorners& corners,
-                           const DepthRefinementOptions& options,
+                           const DepthRefinementOptions& options, const cv::Rect& where,
                            std::vector<std::uint8_t>& outside) {
   enum : std::uint8_t { kSilent, kIn, kOut };
-  outside.assign(now.z.size(), kSilent);
+  outside.assign(now.z.size(), 0);
+  // What is farther away is not heard here.
+  const cv::Rect heard = cv::Rect(where.x - kVoiceCells, where.y - kVoiceCells,
+                                  where.width + 2 * kVoiceCells, where.height + 2 * kVoiceCells) &
+                         cv::Rect(0, 0, now.width, now.height);
+  if (where.empty() || heard.empty()) return;
+  WalledDepth depth;
+  depth.cut(now, heard);
+  std::vector<std::uint8_t> voice(depth.z.size(), kSilent);
   std::vector<int> ring, next;
   for (std::size_t i = 0; i < corners.pairs.size(); ++i) {
-    if (corners.labels[i] == kUnknown) continue;
-    const int cell = cell_at(corners.pairs[i].to, now);
-    std::uint8_t& state = outside[static_cast<std::size_t>(cell)];
-    if (state != kSilent || !measured(now.z[static_cast<std::size_t>(cell)])) continue;
+    const cv::Point at = cell_at(corners.pairs[i].to, now);
+    if (corners.labels[i] == kUnknown || !heard.contains(at)) continue;
+    const int cell = depth.cell_of(at.x - heard.x, at.y - heard.y);
+    std::uint8_t& state = voice[static_cast<std::size_t>(cell)];
+    if (state != kSilent || !measured(depth.at(cell))) continue;
     state = corners.labels[i] == kOutside ? kOut : kIn;
     ring.push_back(cell);
   }
@@ -286,21 +320,23 @@ void surfaces_from_outside(const HalfDepth& now, const CarriedCorners& corners,
   for (int distance = 0; distance < kVoiceCells && !ring.empty(); ++distance) {
     next.clear();
     for (const int cell : ring) {
-      const float z = now.z[static_cast<std::size_t>(cell)];
-      int around[4];
-      const int count = neighbours(cell, now.width, now.height, around);
-      for (int i = 0; i < count; ++i) {
-        const auto at = static_cast<std::size_t>(around[i]);
-        if (outside[at] != kSilent || !measured(now.z[at]) || !one_surface(z, now.z[at], options)) {
-          continue;
-        }
-        outside[at] = outside[static_cast<std::size_t>(cell)];
-        next.push_back(around[i]);
+      const float z = depth.at(cell);
+      for (const int other : depth.neighbours(cell)) {
+        std::uint8_t& state = voice[static_cast<std::size_t>(other)];
+        const float there = depth.at(other);
+        if (state != kSilent || !measured(there) || !one_surface(z, there, options)) continue;
+        state = voice[static_cast<std::size_t>(cell)];
+        next.push_back(other);
       }
     }
     ring.swap(next);
   }
-  for (std::uint8_t& state : outside) state = state == kOut ? 1 : 0;
+  for (int y = 0; y < heard.height; ++y) {
+    const std::uint8_t* states = voice.data() + depth.cell_of(0, y);
+    std::uint8_t* out =
+        outside.data() + static_cast<std::ptrdiff_t>(heard.y + y) * now.width + heard.x;
+    for (int x = 0; x < heard.width; ++x) out[x] = states[x] == kOut ? 1 : 0;
+  }
 }
 
 void cells_hidden_before(const CellMask& was, cv::Point2f motion, const HalfDepth& before,
@@ -313,17 +349,19 @@ void cells_hidden_before(const CellMask& was, cv::Point2f motion, const HalfDept
   const auto dy = static_cast<int>(std::lround(motion.y));
   const int left = std::clamp(was.cells.x + dx - margin, 0, now.width);
   const int right = std::clamp(was.cells.br().x + dx + margin, left, now.width);
+  // The columns that the older frame had.
+  const int seen_from = std::clamp(dx, left, right);
+  const int seen_to = std::clamp(before.width + dx, seen_from, right);
   for (int y = 0; y < now.height; ++y) {
-    const int sy = y - dy;
-    const bool row_seen = sy >= 0 && sy < before.height;
-    for (int x = left; x < right; ++x) {
-      const auto cell = static_cast<std::size_t>(y) * static_cast<std::size_t>(now.width) +
-                        static_cast<std::size_t>(x);
-      const int sx = x - dx;
-      const bool seen = row_seen && sx >= 0 && sx < before.width;
-      const float z = seen ? before.at(sx, sy) : 0.0F;
-      const bool shown = measured(z) && z >= nearer;
-      hidden[cell] = !shown && now.facing[cell] != 0 ? 1 : 0;
+    const auto row = static_cast<std::ptrdiff_t>(y) * now.width;
+    const std::uint8_t* facing = now.facing.data() + row;
+    std::uint8_t* out = hidden.data() + row;
+    std::copy(facing + left, facing + right, out + left);
+    if (y - dy < 0 || y - dy >= before.height) continue;
+    const float* seen = before.z.data() + static_cast<std::ptrdiff_t>(y - dy) * before.width - dx;
+    for (int x = seen_from; x < seen_to; ++x) {
+      const float z = measured(seen[x]) ? seen[x] : 0.0F;
+      out[x] = z >= nearer ? 0 : out[x];
     }
   }
 }
@@ -332,7 +370,7 @@ std::vector<RevealedThing> revealed_things(const HalfDepth& before, const HalfDe
                                            const std::vector<Instance>& instances,
                                            const CarriedCorners& corners,
                                            const DepthRefinementOptions& options,
-                                           std::vector<std::uint8_t>& taken) {
+                                           const std::vector<std::uint8_t>& taken) {
   cv::Matx23d back;
   if (instances.empty() || !ground_motion(corners, back)) return {};
   return Revealer(before, now, instances, back, options, taken)();

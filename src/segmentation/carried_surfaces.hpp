@@ -34,10 +34,11 @@ struct CarriedCorners {
   std::vector<int> labels;  ///< of the pairs, by `label_at`
 };
 
-/// 1 for the cells of `now` whose surface was outside all masks: each cell hears the corner that is
-/// nearest on its own smooth surface, within `kVoiceCells`. O(cells).
+/// 1 for the cells of `now`, as far as they are in the window `where`, whose surface was outside
+/// all masks: each cell hears the corner that is nearest on its own smooth surface, within
+/// `kVoiceCells`. O(cells around `where`).
 void surfaces_from_outside(const HalfDepth& now, const CarriedCorners& corners,
-                           const DepthRefinementOptions& options,
+                           const DepthRefinementOptions& options, const cv::Rect& where,
                            std::vector<std::uint8_t>& outside);
 
 /// 1 for the cells of `now` around an instance, that was `was` and moved by `motion`, where the
@@ -58,6 +59,6 @@ std::vector<RevealedThing> revealed_things(const HalfDepth& before, const HalfDe
                                            const std::vector<Instance>& instances,
                                            const CarriedCorners& corners,
                                            const DepthRefinementOptions& options,
-                                           std::vector<std::uint8_t>& taken);
+                                           const std::vector<std::uint8_t>& taken);
 
 }  // namespace dynslam::segmentation

@@ -12,14 +12,11 @@ namespace {
 
 constexpr int kMinCell = 8;       // half-resolution pixels between corners, at least
 constexpr double kCorners = 350;  // about so many in any image
+constexpr int kMostInCell = 3;
 constexpr int kBorder = 3;
 // Of the strongest corner; weaker ones are noise. Lower than what a tracker of a few good corners
 // would take, because every part of the image is to have one.
 constexpr double kQuality = 0.002;
-
-int cell_size(cv::Size image) {
-  return std::max(kMinCell, static_cast<int>(std::sqrt(image.area() / kCorners)));
-}
 
 float depth_at(const std::vector<float>& z, cv::Size size, cv::Point2f at) {
   if (z.empty()) return 0.0F;
@@ -31,6 +28,11 @@ float depth_at(const std::vector<float>& z, cv::Size size, cv::Point2f at) {
 
 }  // namespace
 
+CornerGrid::CornerGrid(cv::Size image)
+    : cell(std::max(kMinCell, static_cast<int>(std::sqrt(image.area() / kCorners)))),
+      columns((image.width + cell - 1) / cell),
+      rows((image.height + cell - 1) / cell) {}
+
 std::vector<Corner> CornerTracker::follow(const FlowImage& image, const HalfDepth& depth) const {
   std::vector<Corner> followed;
   if (corners_.empty() || corners_.back().empty() || image.pyramid.empty()) return followed;
@@ -40,13 +42,13 @@ std::vector<Corner> CornerTracker::follow(const FlowImage& image, const HalfDept
     end.push_back(corner.at + corner.step);
   }
   std::vector<std::uint8_t> found, found_back;
-  std::vector<float> error;
   const cv::TermCriteria stop(cv::TermCriteria::COUNT + cv::TermCriteria::EPS, 10, 0.03);
-  cv::calcOpticalFlowPyrLK(last_.pyramid, image.pyramid, start, end, found, error, kFlowWindow,
-                           kFlowLevels, stop, cv::OPTFLOW_USE_INITIAL_FLOW);
+  cv::calcOpticalFlowPyrLK(last_.pyramid, image.pyramid, start, end, found, cv::noArray(),
+                           kFlowWindow, kFlowLevels, stop, cv::OPTFLOW_USE_INITIAL_FLOW);
+  // The way back is to end a pixel from where it is begun: no need of coarse levels.
   std::vector<cv::Point2f> back = start;
-  cv::calcOpticalFlowPyrLK(image.pyramid, last_.pyramid, end, back, found_back, error, kFlowWindow,
-                           1, stop, cv::OPTFLOW_USE_INITIAL_FLOW);
+  cv::calcOpticalFlowPyrLK(image.pyramid, last_.pyramid, end, back, found_back, cv::noArray(),
+                           kFlowWindow, 0, stop, cv::OPTFLOW_USE_INITIAL_FLOW);
   const float limit = static_cast<float>(max_error_px_ / 2);
   const cv::Size size = image.grey.size();
   const cv::Rect2f inside(0, 0, static_cast<float>(size.width), static_cast<float>(size.height));
@@ -64,35 +66,41 @@ std::vector<Corner> CornerTracker::follow(const FlowImage& image, const HalfDept
   return followed;
 }
 
-// A new corner in every cell of the grid that has none.
-void CornerTracker::fill_gaps(const FlowImage& image, std::vector<Corner>& corners) const {
-  const cv::Size size = image.grey.size();
-  const int cell = cell_size(size);
-  const cv::Size grid((size.width + cell - 1) / cell, (size.height + cell - 1) / cell);
-  std::vector<int> count(static_cast<std::size_t>(grid.area()), 0);
-  std::vector<Corner> kept;
-  for (const Corner& corner : corners) {
-    const int x = static_cast<int>(corner.at.x) / cell;
-    const int y = static_cast<int>(corner.at.y) / cell;
-    // Where a thing comes before another, corners crowd; a few say as much.
-    if (++count[static_cast<std::size_t>(y * grid.width + x)] <= 3) kept.push_back(corner);
-  }
-  corners = std::move(kept);
-  cv::Mat strength;
-  cv::cornerMinEigenVal(image.grey, strength, 3);
+// Where things come one before the other, corners crowd; a few in a cell say as much. Counts the
+// corners of every cell of the grid.
+void CornerTracker::thin_out(const CornerGrid& grid, std::vector<Corner>& corners) {
+  count_.assign(static_cast<std::size_t>(grid.columns) * static_cast<std::size_t>(grid.rows), 0);
+  const auto crowded = [&](const Corner& corner) {
+    const int x = static_cast<int>(corner.at.x) / grid.cell;
+    const int y = static_cast<int>(corner.at.y) / grid.cell;
+    return ++count_[static_cast<std::size_t>(y * grid.columns + x)] > kMostInCell;
+  };
+  corners.erase(std::remove_if(corners.begin(), corners.end(), crowded), corners.end());
+}
+
+// A new corner in every cell that has none, of the rows of cells from `first` to before `last`.
+void CornerTracker::fill_gaps(const cv::Mat& grey, const CornerGrid& grid, int first, int last,
+                              std::vector<Corner>& corners) {
+  if (first >= last) return;
+  const cv::Size size = grey.size();
+  const int top = first * grid.cell;
+  const int end = std::min(last * grid.cell, size.height);
+  cv::cornerMinEigenVal(grey.rowRange(top, end), strength_, 3);
   double strongest = 0.0;
-  cv::minMaxLoc(strength, nullptr, &strongest);
-  const auto least = static_cast<float>(kQuality * strongest);
-  for (int gy = 0; gy < grid.height; ++gy) {
-    for (int gx = 0; gx < grid.width; ++gx) {
-      if (count[static_cast<std::size_t>(gy * grid.width + gx)] > 0) continue;
+  cv::minMaxLoc(strength_, nullptr, &strongest);
+  strongest_[first == 0 ? 0 : 1] = strongest;
+  const auto least =
+      static_cast<float>(kQuality * *std::max_element(strongest_.begin(), strongest_.end()));
+  for (int gy = first; gy < last; ++gy) {
+    for (int gx = 0; gx < grid.columns; ++gx) {
+      if (count_[static_cast<std::size_t>(gy * grid.columns + gx)] > 0) continue;
       float best = least;
       cv::Point at(-1, -1);
-      const int bottom = std::min((gy + 1) * cell, size.height - kBorder);
-      const int right = std::min((gx + 1) * cell, size.width - kBorder);
-      for (int y = std::max(gy * cell, kBorder); y < bottom; ++y) {
-        const float* row = strength.ptr<float>(y);
-        for (int x = std::max(gx * cell, kBorder); x < right; ++x) {
+      const int bottom = std::min((gy + 1) * grid.cell, size.height - kBorder);
+      const int right = std::min((gx + 1) * grid.cell, size.width - kBorder);
+      for (int y = std::max(gy * grid.cell, kBorder); y < bottom; ++y) {
+        const float* row = strength_.ptr<float>(y - top);
+        for (int x = std::max(gx * grid.cell, kBorder); x < right; ++x) {
           if (row[x] > best) {
             best = row[x];
             at = {x, y};
@@ -104,9 +112,21 @@ void CornerTracker::fill_gaps(const FlowImage& image, std::vector<Corner>& corne
   }
 }
 
+// Corners for the cells that lost theirs: in every frame for one half of the image, which costs
+// half as much and is soon enough, since a mask comes frames late; for all of the first.
+void CornerTracker::renew(const cv::Mat& grey, std::vector<Corner>& corners) {
+  const CornerGrid grid(grey.size());
+  thin_out(grid, corners);
+  const int middle = grid.rows / 2;
+  const bool all = corners.empty();
+  if (all || upper_) fill_gaps(grey, grid, 0, middle, corners);
+  if (all || !upper_) fill_gaps(grey, grid, middle, grid.rows, corners);
+  upper_ = !upper_;
+}
+
 void CornerTracker::add(FlowImage image, const HalfDepth& depth) {
   std::vector<Corner> corners = follow(image, depth);
-  if (!image.pyramid.empty()) fill_gaps(image, corners);
+  if (!image.pyramid.empty()) renew(image.grey, corners);
   corners_.push_back(std::move(corners));
   while (corners_.size() > history_) corners_.pop_front();
   last_ = std::move(image);

@@ -1,6 +1,7 @@
 // Corners of the whole image, followed from frame to frame.
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <deque>
 #include <vector>
@@ -23,6 +24,14 @@ struct Corner {
 struct CornerPair {
   cv::Point2f from;
   cv::Point2f to;
+};
+
+/// Square cells over an image, in pixels of it.
+struct CornerGrid {
+  explicit CornerGrid(cv::Size image);
+  int cell;
+  int columns;
+  int rows;
 };
 
 /// Follows a net of corners, about one in every square cell of a grid, through the last frames. So
@@ -48,13 +57,20 @@ class CornerTracker {
 
  private:
   std::vector<Corner> follow(const FlowImage& image, const HalfDepth& depth) const;
-  void fill_gaps(const FlowImage& image, std::vector<Corner>& corners) const;
+  void thin_out(const CornerGrid& grid, std::vector<Corner>& corners);
+  void fill_gaps(const cv::Mat& grey, const CornerGrid& grid, int first, int last,
+                 std::vector<Corner>& corners);
+  void renew(const cv::Mat& grey, std::vector<Corner>& corners);
 
   std::size_t history_;
   double max_error_px_;
   std::deque<std::vector<Corner>> corners_;  // oldest frame first
   FlowImage last_;
   std::vector<float> last_depth_;
+  bool upper_ = true;                  // the half of the image whose turn it is
+  std::array<double, 2> strongest_{};  // corner of the halves, when it was their turn
+  std::vector<int> count_;             // of corners in every cell
+  cv::Mat strength_;
 };
 
 }  // namespace dynslam::segmentation

@@ -1,6 +1,9 @@
 // The scratch of DepthRefiner: one instance and the depth around it, at half resolution.
 #pragma once
 
+#include <algorithm>
+#include <array>
+#include <cmath>
 #include <cstdint>
 #include <vector>
 
@@ -29,6 +32,34 @@ struct HalfDepth {
   }
 };
 
+/// The depths of a window of cells with a wall of unknown depth around it, so that every cell has
+/// four neighbours. A cell is a place in `z`.
+struct WalledDepth {
+  int width = 0;
+  int height = 0;
+  int stride = 0;  ///< between rows
+  std::vector<float> z;
+
+  /// Makes room for a window of the size, all unknown.
+  void clear(cv::Size size);
+  /// The part of `half` in `window`, which is inside of it.
+  void cut(const HalfDepth& half, const cv::Rect& window);
+  int cell_of(int x, int y) const { return (y + 1) * stride + x + 1; }
+  int begin() const { return stride; }  ///< of the rows of the window, walls between them
+  int end() const { return (height + 1) * stride; }
+  std::array<int, 4> neighbours(int cell) const {
+    return {cell - 1, cell + 1, cell - stride, cell + stride};
+  }
+  float at(int cell) const { return z[static_cast<std::size_t>(cell)]; }
+};
+
+/// Whether two neighbours at these depths are on one smooth surface.
+inline bool one_surface(float a, float b, const DepthRefinementOptions& options) {
+  const float step =
+      static_cast<float>(options.step_share) * std::min(a, b) + static_cast<float>(options.step_m);
+  return std::abs(a - b) <= step;
+}
+
 /// Depths from `low` to `high` (metres).
 struct DepthBand {
   float low = 0.0F;
@@ -46,8 +77,9 @@ class DepthWindow {
                 const Instance& instance);
   void remove_what_does_not_belong();
   void grow_beside_the_mask();
-  /// The same over the whole height of the window, for regions up to `max_growth` of the mask.
-  void grow_up_and_down(double max_growth);
+  /// The same over the whole height of the window, for regions up to `max_growth` of the mask in
+  /// the cells of the half image that are not 0 in `where`.
+  void grow_up_and_down(double max_growth, const std::vector<std::uint8_t>& where);
   void add_parts_behind();
   void fill_holes();
   /// Decides the border at full resolution and replaces the instance's box and mask.
@@ -58,34 +90,43 @@ class DepthWindow {
     kMask = 1,     // the network's mask
     kIn = 2,       // belongs to the instance
     kVisited = 4,  // by the search that is going on
+    kSeen = 8,     // by any search for parts behind
+    kGrows = 16,   // the instance may grow here
+    kSide = 32,    // at a side of the window that is inside the image, not at its border
+    kWall = 64,    // no cell: around the window, so that every cell has four neighbours
   };
-  struct Extent {
-    int left, top, right, bottom;
-  };
+
+  enum class Brush : std::uint8_t { kNone, kFull, kByDepth };
 
   void place(const HalfDepth& half, const DepthRefinementOptions& options,
              const Instance& instance);
+  void build_walls(bool open_left, bool open_right);
   void paint(const Instance& instance);
   bool find_band(const std::vector<int>& cells);
-  bool one_surface(float a, float b) const;
-  bool growable(int cell) const;
-  int neighbours(int cell, int out[4]) const;
-  bool on_side(int cell) const;
   int flood_foreign_surface(int start);
+  void mark_growable(const std::vector<std::uint8_t>& facing);
   bool continues(int cell, int from) const;
   int flood_beside(int start, std::vector<int>& rim);
+  void grow(const std::vector<std::uint8_t>& where);
   bool hidden_from_the_mask(const std::vector<int>& component) const;
+  bool flood_apart(int start);
+  cv::Rect extent() const;
+  void choose_brushes(int left, int y, std::vector<Brush>& brushes) const;
   void clear_visited();
+
+  bool is_near(int cell) const { return cell >= near_begin_ && cell < near_end_; }
+  std::uint8_t& state(int cell) { return state_[static_cast<std::size_t>(cell)]; }
+  std::uint8_t state(int cell) const { return state_[static_cast<std::size_t>(cell)]; }
+  bool continuous(int a, int b) const { return one_surface(depth_.at(a), depth_.at(b), options_); }
 
   const HalfDepth* half_ = nullptr;
   DepthRefinementOptions options_;
-  int x0_ = 0, y0_ = 0, width_ = 0, height_ = 0;  // window, in cells of the half image
-  int near_top_ = 0, near_bottom_ = 0;            // rows of the window for growing beside the mask
-  bool open_left_ = false, open_right_ = false;   // window side inside the image, not at its border
+  int x0_ = 0, y0_ = 0;                // of the window, in cells of the half image
+  int near_begin_ = 0, near_end_ = 0;  // cells of the rows for growing beside the mask
+  WalledDepth depth_;
   DepthBand band_;
   int mask_cells_ = 0;
   std::vector<std::uint8_t> state_;
-  std::vector<float> z_;
   std::vector<int> queue_;
 };
 

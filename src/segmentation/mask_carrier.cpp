@@ -75,66 +75,106 @@ cv::Point2f keep_the_common_motion(PointTracks& motion) {
 
 namespace {
 
-// Displacement at a point of the target image: neighbours by distance, and the
-// common motion where there are none.
-cv::Point2f displacement_at(cv::Point2f at, const PointTracks& motion, cv::Point2f common) {
+// A bell curve around `centre` at the `count` places `first`, `first + step` ..., from the nearest
+// one outwards: each value is the one before times a ratio that falls by the same factor.
+void bell_curve(float centre, int first, int step, std::size_t count, float* values) {
   constexpr float kSigma = 20.0F;  // half-resolution pixels
-  float weight = 0.05F;
-  cv::Point2f sum = common * weight;
-  for (std::size_t i = 0; i < motion.to.size(); ++i) {
-    const cv::Point2f d = motion.to[i] - at;
-    const float w = std::exp(-d.dot(d) / (2 * kSigma * kSigma));
-    sum += (motion.to[i] - motion.from[i]) * w;
-    weight += w;
+  constexpr float kScale = 1.0F / (2 * kSigma * kSigma);
+  const auto h = static_cast<float>(step);
+  const float place = std::round((centre - static_cast<float>(first)) / h);
+  const auto last = static_cast<float>(count - 1);
+  const auto nearest = static_cast<std::size_t>(std::clamp(place, 0.0F, last));
+  const float d = static_cast<float>(first) + static_cast<float>(nearest) * h - centre;
+  const float fall = std::exp(-2 * h * h * kScale);
+  values[nearest] = std::exp(-d * d * kScale);
+  float ratio = std::exp(-(h * h + 2 * h * d) * kScale);
+  for (std::size_t i = nearest + 1; i < count; ++i, ratio *= fall) {
+    values[i] = values[i - 1] * ratio;
   }
-  return sum * (1.0F / weight);
+  ratio = std::exp(-(h * h - 2 * h * d) * kScale);
+  for (std::size_t i = nearest; i > 0; --i, ratio *= fall) values[i - 1] = values[i] * ratio;
+}
+
+// Displacements at the nodes of a grid over `cells`, every `step` cells: neighbours by distance,
+// and the common motion where there are none. CV_32FC2.
+cv::Mat displacement_field(const cv::Rect& cells, int step, const PointTracks& motion,
+                           cv::Point2f common) {
+  constexpr float kCommonWeight = 0.05F;
+  const cv::Size nodes(cells.width / step + 2, cells.height / step + 2);
+  const auto columns = static_cast<std::size_t>(nodes.width);
+  const auto rows = static_cast<std::size_t>(nodes.height);
+  // The weight of a corner at a node is a product of one for the column and one for the row.
+  std::vector<float> by_column(columns), by_row(rows);
+  cv::Mat sums[3];  // displacement times weight, x and y, and weight
+  for (int i = 0; i < 3; ++i) {
+    const float start[] = {common.x, common.y, 1.0F};
+    sums[i] = cv::Mat(nodes, CV_32FC1, cv::Scalar(kCommonWeight * start[i]));
+  }
+  for (std::size_t i = 0; i < motion.to.size(); ++i) {
+    const cv::Point2f d = motion.to[i] - motion.from[i];
+    bell_curve(motion.to[i].x, cells.x, step, columns, by_column.data());
+    bell_curve(motion.to[i].y, cells.y, step, rows, by_row.data());
+    for (std::size_t y = 0; y < rows; ++y) {
+      auto* sum_x = sums[0].ptr<float>(static_cast<int>(y));
+      auto* sum_y = sums[1].ptr<float>(static_cast<int>(y));
+      auto* weight = sums[2].ptr<float>(static_cast<int>(y));
+      for (std::size_t x = 0; x < columns; ++x) {
+        const float w = by_column[x] * by_row[y];
+        sum_x[x] += d.x * w;
+        sum_y[x] += d.y * w;
+        weight[x] += w;
+      }
+    }
+  }
+  cv::Mat field;
+  cv::merge(std::vector<cv::Mat>{sums[0] / sums[2], sums[1] / sums[2]}, field);
+  return field;
 }
 
 // The nearest whole number, for numbers above -10000; std::lround is a call.
 int nearest(float value) { return static_cast<int>(value + 10000.5F) - 10000; }
 
-// Cells of the half image that a box touches.
+}  // namespace
+
 cv::Rect cells_of(const cv::Rect& box) {
   const int x = box.x / 2;
   const int y = box.y / 2;
   return {x, y, (box.br().x + 1) / 2 - x, (box.br().y + 1) / 2 - y};
 }
 
-// Where the mask can be after the motion.
-cv::Rect reach_of(const cv::Rect& cells, const PointTracks& motion, cv::Point2f common,
-                  cv::Size half) {
-  float spread = 0.0F;
+cv::Rect reach_of(const cv::Rect& cells, const PointTracks& motion, cv::Point2f common) {
+  cv::Point2f least = common, most = common;
   for (std::size_t i = 0; i < motion.to.size(); ++i) {
-    const cv::Point2f d = motion.to[i] - motion.from[i] - common;
-    spread = std::max(spread, std::max(std::abs(d.x), std::abs(d.y)));
+    const cv::Point2f d = motion.to[i] - motion.from[i];
+    least = {std::min(least.x, d.x), std::min(least.y, d.y)};
+    most = {std::max(most.x, d.x), std::max(most.y, d.y)};
   }
-  const float margin = spread + 1;
-  const auto low = [](float v) { return static_cast<int>(std::floor(v)); };
-  const auto high = [](float v) { return static_cast<int>(std::ceil(v)); };
-  const cv::Point2f tl = cv::Point2f(cells.tl()) + common;
-  const cv::Point2f br = cv::Point2f(cells.br()) + common;
-  return cv::Rect(cv::Point(low(tl.x - margin), low(tl.y - margin)),
-                  cv::Point(high(br.x + margin), high(br.y + margin))) &
-         cv::Rect(cv::Point(), half);
+  const auto low = [](float v) { return static_cast<int>(std::floor(v)) - 1; };
+  const auto high = [](float v) { return static_cast<int>(std::ceil(v)) + 1; };
+  return {cv::Point(cells.x + low(least.x), cells.y + low(least.y)),
+          cv::Point(cells.br().x + high(most.x), cells.br().y + high(most.y))};
 }
-
-}  // namespace
 
 CellMask cell_mask(const Instance& instance, const HalfDepth* depth) {
   CellMask mask;
   mask.cells = cells_of(instance.box);
-  mask.in = cv::Mat::zeros(mask.cells.size(), CV_8UC1);
-  mask.z = cv::Mat::zeros(mask.cells.size(), CV_32FC1);
+  mask.in.create(mask.cells.size(), CV_8UC1);
+  mask.z.create(mask.cells.size(), CV_32FC1);
+  // Cell 0 of a box that begins at an odd pixel would be outside of it.
+  const int left = 2 * mask.cells.x - instance.box.x;
+  const int top = 2 * mask.cells.y - instance.box.y;
   for (int y = 0; y < mask.cells.height; ++y) {
-    const int row = std::clamp(2 * (mask.cells.y + y) - instance.box.y, 0, instance.box.height - 1);
-    const std::uint8_t* source = instance.mask.ptr(row);
+    const std::uint8_t* source = instance.mask.ptr(std::max(top + 2 * y, 0));
     std::uint8_t* in = mask.in.ptr(y);
+    in[0] = source[0];
+    for (int x = 1; x < mask.cells.width; ++x) in[x] = source[left + 2 * x];
     auto* z = mask.z.ptr<float>(y);
-    for (int x = 0; x < mask.cells.width; ++x) {
-      const int column =
-          std::clamp(2 * (mask.cells.x + x) - instance.box.x, 0, instance.box.width - 1);
-      in[x] = source[column];
-      if (depth != nullptr) z[x] = depth->at(mask.cells.x + x, mask.cells.y + y);
+    if (depth != nullptr) {
+      const float* row =
+          depth->z.data() + static_cast<std::ptrdiff_t>(mask.cells.y + y) * depth->width;
+      std::copy_n(row + mask.cells.x, mask.cells.width, z);
+    } else {
+      std::fill_n(z, mask.cells.width, 0.0F);
     }
   }
   return mask;
@@ -143,42 +183,36 @@ CellMask cell_mask(const Instance& instance, const HalfDepth* depth) {
 CellMask move_cells(const CellMask& source, const PointTracks& motion, cv::Point2f common,
                     cv::Size half) {
   CellMask target;
-  target.cells = reach_of(source.cells, motion, common, half);
+  target.cells = reach_of(source.cells, motion, common) & cv::Rect(cv::Point(), half);
   if (target.cells.empty()) return target;
   target.in = cv::Mat::zeros(target.cells.size(), CV_8UC1);
   target.z = cv::Mat::zeros(target.cells.size(), CV_32FC1);
-  // The field on a grid, then between.
   constexpr int kGrid = 8;
-  const cv::Size nodes(target.cells.width / kGrid + 2, target.cells.height / kGrid + 2);
-  cv::Mat field(nodes, CV_32FC2);
-  for (int y = 0; y < nodes.height; ++y) {
-    for (int x = 0; x < nodes.width; ++x) {
-      const cv::Point2f at(static_cast<float>(target.cells.x + x * kGrid),
-                           static_cast<float>(target.cells.y + y * kGrid));
-      const cv::Point2f d = displacement_at(at, motion, common);
-      field.at<cv::Vec2f>(y, x) = cv::Vec2f(d.x, d.y);
-    }
-  }
+  const cv::Mat field = displacement_field(target.cells, kGrid, motion, common);
+  const cv::Point offset = target.cells.tl() - source.cells.tl();
+  std::vector<cv::Vec2f> nodes(static_cast<std::size_t>(field.cols));
   for (int y = 0; y < target.cells.height; ++y) {
     const auto* above = field.ptr<cv::Vec2f>(y / kGrid);
     const auto* below = field.ptr<cv::Vec2f>(y / kGrid + 1);
     const float wy = static_cast<float>(y % kGrid) / kGrid;
+    for (std::size_t i = 0; i < nodes.size(); ++i) {
+      nodes[i] = above[i] * (1 - wy) + below[i] * wy;
+    }
     std::uint8_t* in = target.in.ptr(y);
     auto* z = target.z.ptr<float>(y);
     for (int x = 0; x < target.cells.width; ++x) {
-      const int gx = x / kGrid;
+      const auto node = static_cast<std::size_t>(x / kGrid);
       const float wx = static_cast<float>(x % kGrid) / kGrid;
-      const cv::Vec2f d = (above[gx] * (1 - wx) + above[gx + 1] * wx) * (1 - wy) +
-                          (below[gx] * (1 - wx) + below[gx + 1] * wx) * wy;
-      const int from_x = nearest(static_cast<float>(target.cells.x + x - source.cells.x) - d[0]);
-      const int from_y = nearest(static_cast<float>(target.cells.y + y - source.cells.y) - d[1]);
+      const float dx = nodes[node][0] * (1 - wx) + nodes[node + 1][0] * wx;
+      const float dy = nodes[node][1] * (1 - wx) + nodes[node + 1][1] * wx;
+      const int from_x = nearest(static_cast<float>(offset.x + x) - dx);
+      const int from_y = nearest(static_cast<float>(offset.y + y) - dy);
       if (from_x < 0 || from_y < 0 || from_x >= source.cells.width ||
           from_y >= source.cells.height) {
         continue;
       }
-      if (source.in.at<std::uint8_t>(from_y, from_x) == 0) continue;
       in[x] = source.in.at<std::uint8_t>(from_y, from_x);
-      z[x] = source.z.at<float>(from_y, from_x);
+      z[x] = in[x] != 0 ? source.z.at<float>(from_y, from_x) : 0.0F;
     }
   }
   return target;

@@ -70,6 +70,12 @@ struct CellMask {
   cv::Mat z;       ///< 32FC1, metres, 0 = unknown
 };
 
+/// Where cells can be after the motion; it may go beyond the image.
+cv::Rect reach_of(const cv::Rect& cells, const PointTracks& motion, cv::Point2f common);
+
+/// Cells of the half image that a box touches.
+cv::Rect cells_of(const cv::Rect& box);
+
 /// `depth` may be null.
 CellMask cell_mask(const Instance& instance, const HalfDepth* depth);
 

@@ -55,6 +55,18 @@ constexpr float kMaxCarriedJump = 0.07F;
 // What nothing but an occluder can have kept out of a mask may be many times what was seen.
 constexpr double kMaxHiddenGrowth = 8.0;
 
+// Without branches, so that it is vectorized.
+void drop_in_row(const float* z, const float* carried, float change, const std::uint8_t* outside,
+                 int width, std::uint8_t* in) {
+  for (int x = 0; x < width; ++x) {
+    const float expected = carried[x] * change;
+    const float jump = measured(z[x]) ? std::abs(z[x] - expected) : 0.0F;
+    const float limit = measured(expected) ? kMaxCarriedJump * expected : jump;
+    const std::uint8_t kept = jump > limit ? 0 : in[x];
+    in[x] = outside[x] != 0 ? 0 : kept;
+  }
+}
+
 constexpr std::size_t kEnoughCorners = 4;  // that a motion can be told from
 constexpr int kMinPart = 64;  // half-resolution cells of a surface that moves by itself
 
@@ -92,9 +104,11 @@ struct MaskPropagator::Impl {
     while (place < frames.size() && frames[place].index != index) ++place;
     return place;
   }
+  void begin_frame(const FrameInfo& frame);
   void remember_depth(DepthView view);
   std::vector<int> count_corners(std::size_t place) const;
   PointTracks tracks_of(std::size_t instance) const;
+  cv::Rect reach_of_masks() const;
   float depth_change(const PointTracks& tracks, const HalfDepth& before) const;
   CellMask move_parts(const CellMask& was, const PointTracks& all, const PointTracks& alike,
                       cv::Point2f common, const HalfDepth* before) const;
@@ -107,15 +121,29 @@ struct MaskPropagator::Impl {
 };
 
 void MaskPropagator::Impl::remember_depth(DepthView view) {
-  depth.clear();
-  if (view.empty() || !options.follow_depth) return;
+  HalfDepth& half = frames.back().half;
+  if (view.empty() || !options.follow_depth) {
+    depth.clear();
+    half = {};
+    return;
+  }
   const auto width = static_cast<std::size_t>(view.width);
   depth.resize(width * static_cast<std::size_t>(view.height));
   for (int y = 0; y < view.height; ++y) {
     std::memcpy(depth.data() + static_cast<std::size_t>(y) * width, view.row(y),
                 width * sizeof(float));
   }
-  frames.back().half.build(depth_view(), options.depth);
+  half.build(depth_view(), options.depth);
+}
+
+// The newest frame's place, with the memory of one that is forgotten.
+void MaskPropagator::Impl::begin_frame(const FrameInfo& frame) {
+  HalfDepth used;
+  while (frames.size() >= static_cast<std::size_t>(options.history)) {
+    used = std::move(frames.front().half);
+    frames.pop_front();
+  }
+  frames.push_back({frame.index, frame.timestamp, std::move(used)});
 }
 
 // Corners that each instance had in its own frame.
@@ -192,30 +220,17 @@ CellMask MaskPropagator::Impl::move_parts(const CellMask& was, const PointTracks
 void MaskPropagator::Impl::drop_other_depths(CellMask& mask, float change) const {
   const HalfDepth& now = frames.back().half;
   for (int y = 0; y < mask.cells.height; ++y) {
-    std::uint8_t* in = mask.in.ptr(y);
-    const auto* carried = mask.z.ptr<float>(y);
-    const auto row = static_cast<std::size_t>((mask.cells.y + y) * now.width + mask.cells.x);
-    for (int x = 0; x < mask.cells.width; ++x) {
-      const std::size_t cell = row + static_cast<std::size_t>(x);
-      const float z = now.z[cell];
-      const float expected = carried[x] * change;
-      const bool jumped =
-          measured(z) && measured(expected) && std::abs(z - expected) > kMaxCarriedJump * expected;
-      if (jumped || outside[cell] != 0) in[x] = 0;
-    }
+    const auto row = static_cast<std::ptrdiff_t>(mask.cells.y + y) * now.width + mask.cells.x;
+    drop_in_row(now.z.data() + row, mask.z.ptr<float>(y), change, outside.data() + row,
+                mask.cells.width, mask.in.ptr(y));
   }
 }
 
 // As DepthRefiner::refine; then into what was hidden, where the limits of size do not hold.
 void MaskPropagator::Impl::fit(Instance& instance, bool with_hidden) {
-  HalfDepth& now = frames.back().half;
-  if (!window.open(now, options.depth, instance)) return;
+  if (!window.open(frames.back().half, options.depth, instance)) return;
   window.grow_beside_the_mask();
-  if (with_hidden) {
-    now.facing.swap(hidden);
-    window.grow_up_and_down(kMaxHiddenGrowth);
-    now.facing.swap(hidden);
-  }
+  if (with_hidden) window.grow_up_and_down(kMaxHiddenGrowth, hidden);
   window.add_parts_behind();
   window.fill_holes();
   window.write(depth_view(), instance);
@@ -267,6 +282,18 @@ void MaskPropagator::Impl::add_revealed(std::size_t place, PropagatedSegmentatio
   }
 }
 
+// Where masks can be in the newest frame, half resolution.
+cv::Rect MaskPropagator::Impl::reach_of_masks() const {
+  cv::Rect reach;
+  for (std::size_t i = 0; i < source->instances.size(); ++i) {
+    const PointTracks tracks = tracks_of(i);
+    const cv::Point2f common = tracks.from.empty() ? cv::Point2f() : tracks.to[0] - tracks.from[0];
+    const cv::Rect moved = reach_of(cells_of(source->instances[i].box), tracks, common);
+    reach = reach.empty() ? moved : reach | moved;
+  }
+  return reach;
+}
+
 void MaskPropagator::Impl::carry_to_newest(std::size_t place, PropagatedSegmentation& out) {
   corners.pairs = tracker.pairs_since(place);
   corners.labels.clear();
@@ -274,7 +301,7 @@ void MaskPropagator::Impl::carry_to_newest(std::size_t place, PropagatedSegmenta
     corners.labels.push_back(label_at(pair.from, source->instances));
   }
   if (!depth.empty()) {
-    surfaces_from_outside(frames.back().half, corners, options.depth, outside);
+    surfaces_from_outside(frames.back().half, corners, options.depth, reach_of_masks(), outside);
   }
   const std::vector<int> counts = count_corners(place);
   const double decay = std::pow(0.5, out.age / options.half_life);
@@ -335,12 +362,9 @@ void MaskPropagator::add_frame(const cv::Mat& image, const FrameInfo& frame) {
             "the size of the frames before");
   }
   self.full = image.size();
-  self.frames.push_back({frame.index, frame.timestamp, {}});
+  self.begin_frame(frame);
   self.remember_depth(frame.depth);
   self.tracker.add(make_flow_image(image), self.frames.back().half);
-  while (self.frames.size() > static_cast<std::size_t>(self.options.history)) {
-    self.frames.pop_front();
-  }
   self.result_is_fresh = false;
 }
 

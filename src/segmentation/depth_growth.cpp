@@ -1,0 +1,249 @@
+#include <algorithm>
+#include <cmath>
+
+#include <opencv2/core.hpp>
+
+#include "segmentation/depth_window.hpp"
+
+namespace dynslam::segmentation {
+namespace {
+
+constexpr int kMinPartCells = 12;  // of a part behind something; fewer say nothing
+
+// Sets `bit` in the states of cells in the band that face the camera. Without branches, so that it
+// is vectorized.
+void mark_row(const std::uint8_t* facing, const float* z, const DepthBand& band, std::uint8_t bit,
+              int width, std::uint8_t* states) {
+  const float low = band.low;
+  const float high = band.high;
+  for (int x = 0; x < width; ++x) {
+    const int in_band = (z[x] >= low ? bit : 0) & (z[x] <= high ? bit : 0);
+    const int rest = states[x] & ~bit;
+    states[x] = static_cast<std::uint8_t>(rest | (facing[x] != 0 ? in_band : 0));
+  }
+}
+
+}  // namespace
+
+// Marks what the instance may grow over: its depths, where the surface is not steep.
+void DepthWindow::mark_growable(const std::vector<std::uint8_t>& facing) {
+  for (int y = 0; y < depth_.height; ++y) {
+    const auto row = static_cast<std::ptrdiff_t>(y0_ + y) * half_->width + x0_;
+    mark_row(facing.data() + row, &depth_.z[depth_.cell_of(0, y)], band_, kGrows, depth_.width,
+             &state(depth_.cell_of(0, y)));
+  }
+}
+
+bool DepthWindow::continues(int cell, int from) const {
+  return (state(cell) & (kGrows | kIn | kVisited)) == kGrows && is_near(cell) &&
+         continuous(cell, from);
+}
+
+// Gathers the region outside the mask that starts at `start` in the queue, and in `rim` its cells
+// next to the mask; how many of its cells are at an open side of the window.
+int DepthWindow::flood_beside(int start, std::vector<int>& rim) {
+  queue_.assign(1, start);
+  rim.clear();
+  state(start) |= kVisited;
+  int sides = 0;
+  for (std::size_t next = 0; next < queue_.size(); ++next) {
+    const int cell = queue_[next];
+    sides += state(cell) & kSide ? 1 : 0;
+    bool touches = false;
+    for (const int other : depth_.neighbours(cell)) {
+      touches |= (state(other) & kIn) != 0;
+      if (!continues(other, cell)) continue;
+      state(other) |= kVisited;
+      queue_.push_back(other);
+    }
+    if (touches) rim.push_back(cell);
+  }
+  return sides;
+}
+
+void DepthWindow::grow_beside_the_mask() { grow(half_->facing); }
+
+void DepthWindow::grow_up_and_down(double max_growth, const std::vector<std::uint8_t>& where) {
+  near_begin_ = depth_.begin();
+  near_end_ = depth_.end();
+  options_.max_growth = max_growth;
+  grow(where);
+}
+
+void DepthWindow::grow(const std::vector<std::uint8_t>& where) {
+  // Every region outside the mask that continues it is judged as a whole: what is large or goes on
+  // beyond the window is something that the thing stands at. Of such a region only the rim next to
+  // the mask is taken.
+  mark_growable(where);
+  std::vector<int> rim, accepted;
+  for (int seed = depth_.begin(); seed < depth_.end(); ++seed) {
+    if (!(state(seed) & kIn)) continue;
+    for (const int start : depth_.neighbours(seed)) {
+      if (!continues(start, seed)) continue;
+      const int sides = flood_beside(start, rim);
+      const bool whole =
+          sides <= 2 && static_cast<double>(queue_.size()) <= options_.max_growth * mask_cells_;
+      const std::vector<int>& taken = whole ? queue_ : rim;
+      accepted.insert(accepted.end(), taken.begin(), taken.end());
+    }
+  }
+  for (const int cell : accepted) state(cell) |= kIn;
+  clear_visited();
+}
+
+bool DepthWindow::hidden_from_the_mask(const std::vector<int>& component) const {
+  // Up or down from the component's cells to the first cell of the instance: most of what lies
+  // between must be nearer than the instance, or unknown.
+  int nearer = 0;
+  int between = 0;
+  int reached = 0;
+  int tried = 0;
+  for (std::size_t i = 0; i < component.size(); i += 1 + component.size() / 64) {
+    ++tried;
+    for (const int step : {-depth_.stride, depth_.stride}) {
+      int hits_nearer = 0, hits = 0;
+      int cell = component[i] + step;
+      for (; !(state(cell) & (kWall | kIn)); cell += step) {
+        if (state(cell) & kVisited) continue;  // the component itself
+        ++hits;
+        hits_nearer += depth_.at(cell) < band_.low ? 1 : 0;
+      }
+      if (state(cell) & kWall) continue;
+      ++reached;
+      nearer += hits_nearer;
+      between += hits;
+      break;
+    }
+  }
+  return 2 * reached >= tried && between > 0 && nearer >= 0.7 * between;
+}
+
+// Gathers the region of `start` in the queue; whether it is clear of the instance and of the open
+// sides of the window.
+bool DepthWindow::flood_apart(int start) {
+  queue_.assign(1, start);
+  state(start) |= kSeen;
+  bool apart = true;
+  for (std::size_t next = 0; next < queue_.size(); ++next) {
+    const int cell = queue_[next];
+    if (state(cell) & kSide) apart = false;
+    for (const int other : depth_.neighbours(cell)) {
+      const std::uint8_t there = state(other);
+      if (!(there & kIn) && ((there & (kGrows | kSeen)) != kGrows)) continue;
+      if (!continuous(other, cell)) continue;
+      if (there & kIn) {
+        apart = false;
+      } else {
+        state(other) |= kSeen;
+        queue_.push_back(other);
+      }
+    }
+  }
+  return apart;
+}
+
+void DepthWindow::add_parts_behind() {
+  if (options_.reach <= 0.0) return;
+  mark_growable(half_->facing);
+  std::vector<int> accepted;
+  for (int start = depth_.begin(); start < depth_.end(); ++start) {
+    if ((state(start) & (kGrows | kSeen | kIn)) != kGrows) continue;
+    // What touches the instance was judged before.
+    if (!flood_apart(start) || queue_.size() < static_cast<std::size_t>(kMinPartCells) ||
+        static_cast<double>(queue_.size()) > mask_cells_) {
+      continue;
+    }
+    for (const int cell : queue_) state(cell) |= kVisited;
+    if (hidden_from_the_mask(queue_)) {
+      accepted.insert(accepted.end(), queue_.begin(), queue_.end());
+    }
+    for (const int cell : queue_) state(cell) &= static_cast<std::uint8_t>(~kVisited);
+  }
+  for (const int cell : accepted) state(cell) |= kIn;
+}
+
+void DepthWindow::fill_holes() {
+  // Cells without depth that the instance all but surrounds.
+  for (int start = depth_.begin(); start < depth_.end(); ++start) {
+    if ((state(start) & (kIn | kVisited | kWall)) || measured(depth_.at(start))) continue;
+    queue_.assign(1, start);
+    state(start) |= kVisited;
+    int inside = 0;
+    int outside = 0;
+    for (std::size_t next = 0; next < queue_.size(); ++next) {
+      for (const int other : depth_.neighbours(queue_[next])) {
+        if (state(other) & kIn) {
+          ++inside;
+        } else if (measured(depth_.at(other)) || (state(other) & kWall)) {
+          ++outside;
+        } else if (!(state(other) & kVisited)) {
+          state(other) |= kVisited;
+          queue_.push_back(other);
+        }
+      }
+    }
+    if (inside >= 4 * outside) {
+      for (const int cell : queue_) state(cell) |= kIn;
+    }
+  }
+  clear_visited();
+}
+
+// The smallest window of cells that holds the instance; empty if it has none.
+cv::Rect DepthWindow::extent() const {
+  int left = depth_.width, right = -1, top = depth_.height, bottom = -1;
+  for (int y = 0; y < depth_.height; ++y) {
+    const std::uint8_t* states = &state_[static_cast<std::size_t>(depth_.cell_of(0, y))];
+    int first = 0;
+    while (first < depth_.width && !(states[first] & kIn)) ++first;
+    if (first == depth_.width) continue;
+    int last = depth_.width - 1;
+    while (!(states[last] & kIn)) --last;
+    left = std::min(left, first);
+    right = std::max(right, last);
+    top = std::min(top, y);
+    bottom = y;
+  }
+  return right < 0 ? cv::Rect() : cv::Rect(left, top, right - left + 1, bottom - top + 1);
+}
+
+// What is to be done with the pixels of a row's cells from `left` on.
+void DepthWindow::choose_brushes(int left, int y, std::vector<Brush>& brushes) const {
+  for (std::size_t x = 0; x < brushes.size(); ++x) {
+    const int cell = depth_.cell_of(left + static_cast<int>(x), y);
+    const auto around = depth_.neighbours(cell);
+    const std::uint8_t all =
+        state(around[0]) & state(around[1]) & state(around[2]) & state(around[3]);
+    brushes[x] = !(state(cell) & kIn)                             ? Brush::kNone
+                 : (all & kIn) != 0 || !measured(depth_.at(cell)) ? Brush::kFull
+                                                                  : Brush::kByDepth;
+  }
+}
+
+void DepthWindow::write(DepthView depth, Instance& instance) const {
+  const cv::Rect cells = extent();
+  if (cells.empty()) return;
+  const cv::Rect box =
+      cv::Rect(2 * (x0_ + cells.x), 2 * (y0_ + cells.y), 2 * cells.width, 2 * cells.height) &
+      cv::Rect(0, 0, depth.width, depth.height);
+  cv::Mat mask = cv::Mat::zeros(box.size(), CV_8UC1);
+  std::vector<Brush> brushes(static_cast<std::size_t>(cells.width));
+  for (int v = 0; v < box.height; ++v) {
+    const int y = cells.y + v / 2;
+    if (v % 2 == 0) choose_brushes(cells.x, y, brushes);
+    const float* own = depth.row(box.y + v) + box.x;
+    std::uint8_t* out = mask.ptr(v);
+    for (int u = 0; u < box.width; ++u) {
+      const Brush brush = brushes[static_cast<std::size_t>(u / 2)];
+      if (brush == Brush::kNone) continue;
+      // At the border the pixel's own depth decides, if it has one.
+      const bool in = brush == Brush::kFull || !measured(own[u]) ||
+                      one_surface(own[u], depth_.at(depth_.cell_of(cells.x + u / 2, y)), options_);
+      out[u] = in ? 255 : 0;
+    }
+  }
+  instance.box = box;
+  instance.mask = mask;
+}
+
+}  // namespace dynslam::segmentation
