@@ -58,11 +58,12 @@ class Score {
       const int label = labels.empty() ? 0 : labels.at<std::uint8_t>(at);
       ++of_label_[label];
       ++features_;
-      const bool by_network = says(network), by_geometry = says(movers.mask);
+      const bool by_network = says(network);
+      const bool moves = movers.mask.empty() ? by_network : says(movers.mask);
       if (by_network) network_.add(label);
-      if (by_geometry) geometry_.add(label);
-      if (by_network || by_geometry) {
-        either_.add(label);
+      if (moves && !by_network) geometry_.add(label);
+      if (moves) {
+        all_.add(label);
       } else if (!says(movers.judged)) {
         ++unknown_;
       }
@@ -71,7 +72,7 @@ class Score {
 
   Json report() const {
     Json json = {{"features", features_}};
-    json.update(rates(either_));
+    json.update(rates(all_));
     json["unknown_share"] = ratio(unknown_, features_);
     json["sources"] = {{"network", rates(network_)}, {"geometry", rates(geometry_)}};
     return json;
@@ -101,7 +102,7 @@ class Score {
         {"recall_by_label", by_label}};
   }
 
-  Tally network_, geometry_, either_;
+  Tally network_, geometry_, all_;  ///< geometry: what it adds to the network
   std::map<int, std::size_t> of_label_;
   std::size_t features_ = 0, unknown_ = 0;
 };

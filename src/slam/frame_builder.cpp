@@ -97,6 +97,16 @@ void FrameBuilder::copy_depth(const FrameInput& frame, cv::Mat& depth) const {
   if (!frame.mask.empty()) depth.setTo(0.0F, frame.mask);
 }
 
+void FrameBuilder::copy_masked(const FrameInput& frame, cv::Mat& mask, cv::Mat& depth) const {
+  if (sensor_ != Sensor::kRgbd || frame.depth.empty() || frame.mask.empty()) {
+    mask.release();
+    depth.release();
+    return;
+  }
+  frame.mask.copyTo(mask);
+  frame.depth.copyTo(depth);
+}
+
 void FrameBuilder::add_depth(const cv::Mat& depth, FrameFeatures& features) const {
   for (std::size_t i = 0; i < features.size(); ++i) {
     const cv::Point2f pt = features.keypoints[i].pt;

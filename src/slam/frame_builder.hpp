@@ -26,6 +26,8 @@ class FrameBuilder {
 
   /// Copies the depth image without what is masked; releases `depth` without one.
   void copy_depth(const FrameInput& frame, cv::Mat& depth) const;
+  /// Copies mask and whole depth image of a frame that has both; else releases them.
+  void copy_masked(const FrameInput& frame, cv::Mat& mask, cv::Mat& depth) const;
 
   /// The last image built from, grey; for gray input the caller's pixels.
   const cv::Mat& gray() const { return gray_; }

@@ -46,8 +46,9 @@ class MoverDetector {
   void repose(double after, const std::function<RigidTransform(double)>& pose);
 
   /// The mask of the frame that `detect` was last given, with what is likely besides: what
-  /// continues a mover behind something else. For users; tracking loses more by a static feature
-  /// let go than by a moving one, whose weight falls soon.
+  /// continues a mover behind something else, and what is under the frame's own mask, fitted to the
+  /// depth. For users; tracking loses more by a static feature let go than by a moving one, whose
+  /// weight falls soon.
   const cv::Mat& complete(const TrackedFrame& frame, Span<const geometry::FeatureVerdict> verdicts);
 
   /// Result of `detect`: CV_8UC1, 0 static, 255 dynamic.
@@ -78,7 +79,7 @@ class MoverDetector {
   geometry::RegionGrowOptions grow_options_;
   std::deque<Reference> references_;  // oldest first
   std::vector<geometry::DepthReference> chosen_;
-  geometry::DepthEvidence evidence_, coarse_;
+  geometry::DepthEvidence evidence_, coarse_, whole_;
   geometry::CellMemory memory_;
   geometry::RegionGrowWorkspace workspace_;
   cv::Mat mask_, completed_;

@@ -430,8 +430,7 @@ void TrackingSession::step(FrameResult& result) {
 }
 
 MoversView TrackingSession::movers() {
-  const cv::Mat& mask =
-      movers_found_ ? movers_.complete(last_, tracks_.verdicts()) : movers_.mask();
+  const cv::Mat& mask = movers_found_ ? movers_.complete(last_, tracks_.verdicts()) : last_.mask;
   return {mask, movers_.judged()};
 }
 
@@ -444,7 +443,10 @@ FrameResult TrackingSession::track(const FrameInput& frame) {
       const ScopedTimer timer(result.ms.extract);
       current_.reset(builder_.build(frame), frame.timestamp);
       builder_.copy_depth(frame, current_.depth);
-      if (options_.geometry) builder_.gray().copyTo(current_.gray);
+      if (options_.geometry) {
+        builder_.gray().copyTo(current_.gray);
+        builder_.copy_masked(frame, current_.mask, current_.whole_depth);
+      }
       current_.gray_cells = builder_.gray_cells().clone();
     }
     result.index = shared_.log.size();

@@ -5,6 +5,7 @@
 
 #include <gtest/gtest.h>
 
+#include "dynslam/geometry/mask_evidence.hpp"
 #include "dynslam/geometry/region_grow.hpp"
 #include "dynslam/geometry/static_memory.hpp"
 
@@ -281,6 +282,70 @@ TEST_F(RegionGrowBehindATable, AGapSmallerThanACellShowsWhatIsBehind) {
   EXPECT_TRUE(masked(400, 280) && masked(401, 281));
   EXPECT_FALSE(masked(398, 280) || masked(404, 280));
   EXPECT_FALSE(masked(100, 280) || masked(101, 281));
+}
+
+TEST_F(RegionGrow, WhatStandsBesideAMoverIsNoPartOfIt) {
+  // A cupboard that touches the mover, 8 cm farther away; nothing is known of it.
+  std::vector<std::uint8_t> cupboard(truth_.size());
+  const float z = depth_[300 * 640 + 400] + 0.08F;
+  for (int y = 200; y < 400; ++y) {
+    for (int x = 420; x < 560; ++x) {
+      const auto at = static_cast<std::size_t>(y * 640 + x);
+      if (truth_[at] != 0) continue;
+      depth_[at] = z;
+      cupboard[at] = 255;
+    }
+  }
+  evidence_ = cells_of(depth_);
+  set_cells(evidence_, truth_, 2.0F, -1.0F);
+  for (int y = 50; y < 100; ++y) {
+    for (int x = 105; x < 140; ++x) {
+      float& l = evidence_.log_odds[static_cast<std::size_t>(y * evidence_.width + x)];
+      if (cupboard[static_cast<std::size_t>((4 * y + 2) * 640 + 4 * x + 2)] != 0) l = 0.0F;
+    }
+  }
+  grow();
+  EXPECT_GT(share(mask_, truth_, 255), 0.97);
+  EXPECT_LT(share(mask_, cupboard, 255), 0.02);
+}
+
+TEST_F(RegionGrow, FitsAMaskToTheDepth) {
+  // A network's mask, six pixels too far to the left; of the mover nothing else is known.
+  std::vector<std::uint8_t> shifted(truth_.size());
+  std::copy(truth_.begin() + 6, truth_.end(), shifted.begin());
+  set_cells(evidence_, truth_, 0.0F, -1.0F);
+  add_mask({depth_.data(), 640, 480}, {shifted.data(), 640, 480}, 3.0, evidence_);
+  grow();
+  EXPECT_GT(share(mask_, truth_, 255), 0.97);
+  EXPECT_LT(share(mask_, truth_, 0), 0.01);
+}
+
+TEST_F(RegionGrow, AMaskHoldsWhereThereIsNoDepth) {
+  std::fill(depth_.begin(), depth_.end(), 0.0F);
+  evidence_ = cells_of(depth_);
+  add_mask({depth_.data(), 640, 480}, {truth_.data(), 640, 480}, 3.0, evidence_);
+  grow();
+  EXPECT_GT(share(mask_, truth_, 255), 0.95);
+  EXPECT_LT(share(mask_, truth_, 0), 0.05);
+}
+
+TEST_F(RegionGrow, WhatIsNotUnderTheMaskKeepsItsEvidence) {
+  set_cells(evidence_, truth_, 0.0F, -1.0F);
+  const std::vector<float> before = evidence_.log_odds;
+  const std::vector<std::uint8_t> nothing(truth_.size());
+  add_mask({depth_.data(), 640, 480}, {nothing.data(), 640, 480}, 3.0, evidence_);
+  EXPECT_EQ(evidence_.log_odds, before);
+}
+
+TEST_F(RegionGrow, RefusesMasksThatDoNotFit) {
+  const ImageView<const float> depth{depth_.data(), 640, 480};
+  const MaskView mask{truth_.data(), 640, 480};
+  EXPECT_THROW(add_mask(depth, {truth_.data(), 320, 480}, 3.0, evidence_), InvalidArgument);
+  EXPECT_THROW(add_mask(depth, mask, 0.0, evidence_), InvalidArgument);
+  EXPECT_THROW(add_mask(depth, mask, std::numeric_limits<double>::infinity(), evidence_),
+               InvalidArgument);
+  evidence_.width = 80;
+  EXPECT_THROW(add_mask(depth, mask, 3.0, evidence_), InvalidArgument);
 }
 
 TEST_F(RegionGrow, DropsSpeckles) {

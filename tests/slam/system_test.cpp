@@ -9,6 +9,7 @@
 
 #include <gtest/gtest.h>
 #include <opencv2/core.hpp>
+#include <opencv2/imgproc.hpp>
 
 #include "dynslam/core/errors.hpp"
 #include "dynslam/dataset/scene.hpp"
@@ -128,6 +129,24 @@ TEST(System, GeometryMendsAStartThatFollowedAWalker) {
     }
     EXPECT_LT(ate(system, frames), 0.03) << "seed " << seed;
   }
+}
+
+TEST(System, MoversHoldTheMaskFittedToTheDepth) {
+  SystemOptions options = make_system().options();
+  options.geometry = true;
+  System system(dataset::scene_camera(320, 240), options);
+  int given = 0, found = 0, wrongly = 0;
+  for (const dataset::Frame& frame : frames_of("room_walking")) {
+    FrameInput input = input_of(frame, true);
+    cv::erode(frame.mask != 0, input.mask, cv::Mat::ones(7, 7, CV_8UC1));
+    system.track(input);
+    const cv::Mat mask = system.movers().mask;
+    given += cv::countNonZero(input.mask);
+    found += cv::countNonZero(mask & (frame.mask != 0));
+    wrongly += cv::countNonZero(mask & (frame.mask == 0));
+  }
+  EXPECT_GT(found, given);
+  EXPECT_LT(wrongly, found / 10);
 }
 
 TEST(System, GeometryTakesNothingInAStillRoomForMoving) {

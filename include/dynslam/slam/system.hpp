@@ -66,10 +66,11 @@ struct FrameResult {
   BackgroundTimes background;  ///< finished since the last frame, on whichever thread
 };
 
-/// What geometry says about the image of a frame.
+/// What the frame's mask and geometry together say about the image of a frame.
 struct MoversView {
-  /// CV_8UC1, 255 where something moves, with what likely belongs to it (behind something else,
-  /// along contours): more than tracking lets go of. Empty without SystemOptions::geometry.
+  /// CV_8UC1, 255 where something moves: what is under the mask, fitted to the depth image, what
+  /// moves by geometry, and what likely belongs to either (behind something else, along contours):
+  /// more than tracking lets go of. Empty without SystemOptions::geometry.
   cv::Mat mask;
   cv::Mat judged;  ///< CV_8UC1, 255 where there is a verdict, 0 where nothing is known; likewise
 };

@@ -21,8 +21,9 @@ struct Continuation {
   int dynamic = 0, still = 0;
 };
 
-/// Looks from a cell along the four axes, past nearer cells, for the first one as far away as `z`.
-/// Cells for which `own` holds end the search, as do cells of which nothing is known.
+/// Looks from a cell along the four axes for the first one as far away as `z` past nearer cells.
+/// Surfaces with nothing nearer between them are two, however alike in depth. Cells for which `own`
+/// holds end the search, as do cells of which nothing is known.
 template <typename Own>
 void look_behind(const DepthEvidence& e, const RegionGrowWorkspace& w, int cx, int cy, float z,
                  const Own& own, Continuation& votes) {
@@ -30,12 +31,17 @@ void look_behind(const DepthEvidence& e, const RegionGrowWorkspace& w, int cx, i
   const float tolerance = behind_tolerance(z);
   for (const auto& step : kSteps) {
     int x = cx + step[0], y = cy + step[1];
+    bool passed = false;
     for (; x >= 0 && y >= 0 && x < e.width && y < e.height; x += step[0], y += step[1]) {
       const std::size_t i = static_cast<std::size_t>(y) * e.width + x;
       if (own(i)) break;
       const float other = e.depth[i];
-      if (other <= 0.0F || other < z - tolerance) continue;
-      if (other > z + tolerance || w.weight[i] < kJudged) break;
+      if (other <= 0.0F) continue;
+      if (other < z - tolerance) {
+        passed = true;
+        continue;
+      }
+      if (!passed || other > z + tolerance || w.weight[i] < kJudged) break;
       (w.label[i] != 0 ? votes.dynamic : votes.still) += 1;
       break;
     }
