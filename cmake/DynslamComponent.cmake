@@ -120,7 +120,6 @@ function(dynslam_add_component room)
     dynslam_apply_build_flags(${target})
     dynslam_precompile_headers(${target} ${arg_PRECOMPILE})
     set_target_properties(${target} PROPERTIES
-      UNITY_BUILD OFF # compiled as users compile it, see DynslamTests.cmake
       VERSION "${PROJECT_VERSION}"
       SOVERSION "${PROJECT_VERSION_MAJOR}.${PROJECT_VERSION_MINOR}"
       INSTALL_RPATH "$ORIGIN")

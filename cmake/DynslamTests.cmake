@@ -31,7 +31,7 @@ endfunction()
 # Every tests/<room>/*_test.cpp goes into one executable, <room>_tests, which is the test <room>
 # of ctest. Called without further arguments for a room that has no tests/<room>/CMakeLists.txt.
 #
-# With CMAKE_UNITY_BUILD the files are compiled joined, which takes a third of the time; SEPARATE
+# With DYNSLAM_JOIN_SOURCES the files are compiled joined, in a third of the time; SEPARATE
 # are those of a room whose files use the same names for different things.
 #
 # The tests know DYNSLAM_TEST_DATA_DIR, their own small files in tests/<room>/data, and
@@ -51,8 +51,9 @@ function(dynslam_add_tests room)
   add_executable(${target} ${sources})
   dynslam_apply_build_flags(${target})
   if(arg_SEPARATE)
-    set_target_properties(${target} PROPERTIES UNITY_BUILD OFF)
     dynslam_precompile_headers(${target} ${arg_PRECOMPILE})
+  else()
+    set_target_properties(${target} PROPERTIES UNITY_BUILD ${DYNSLAM_JOIN_SOURCES})
   endif()
   set_target_properties(${target} PROPERTIES
     RUNTIME_OUTPUT_DIRECTORY "${PROJECT_BINARY_DIR}/tests")
@@ -210,7 +211,7 @@ function(dynslam_configure_header_checks)
       foreach(standard IN LISTS DYNSLAM_HEADER_CHECK_STANDARDS)
         set(target header_checks_${room}_${group}_cxx${standard})
         add_library(${target} OBJECT EXCLUDE_FROM_ALL ${${group}_sources})
-        set_target_properties(${target} PROPERTIES UNITY_BUILD OFF
+        set_target_properties(${target} PROPERTIES
           CXX_STANDARD ${standard} CXX_STANDARD_REQUIRED ON CXX_EXTENSIONS OFF)
         # Nothing of these is ever run: no time is spent on code or debug information.
         target_compile_options(${target} PRIVATE -Wall -Wextra -Werror -O0 -g0)

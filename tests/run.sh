@@ -111,7 +111,7 @@ build_preset() { # preset header_standard cmake_arguments...
   shift 2
   begin "configure $preset"
   quietly "$logs/$preset-configure.log" cmake --preset "$preset" -B "$build_root/$preset" \
-    -DDYNSLAM_HEADER_CHECK_STANDARDS="$standard" -DCMAKE_UNITY_BUILD=ON "$@"
+    -DDYNSLAM_HEADER_CHECK_STANDARDS="$standard" -DDYNSLAM_JOIN_SOURCES=ON "$@"
   grep -E '^-- (dynslam|The CXX)' "$logs/$preset-configure.log" | sed 's/^-- /    /'
   pass
   begin "build $preset"
