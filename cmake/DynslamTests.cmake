@@ -54,6 +54,13 @@ function(dynslam_add_tests room)
     dynslam_precompile_headers(${target} ${arg_PRECOMPILE})
   else()
     set_target_properties(${target} PROPERTIES UNITY_BUILD ${DYNSLAM_JOIN_SOURCES})
+    # A file that replaces operator new stays alone: compilers look through it where they see it.
+    foreach(source IN LISTS sources)
+      file(STRINGS "${source}" replacement REGEX "operator new" LIMIT_COUNT 1)
+      if(replacement)
+        set_source_files_properties("${source}" PROPERTIES SKIP_UNITY_BUILD_INCLUSION ON)
+      endif()
+    endforeach()
   endif()
   set_target_properties(${target} PROPERTIES
     RUNTIME_OUTPUT_DIRECTORY "${PROJECT_BINARY_DIR}/tests")
