@@ -72,6 +72,7 @@ endfunction()
 #   [BUILD_PACKAGES "<name> ..."...]  packages that only building the room needs
 #   [LINK_PUBLIC <target>...]         what the room's headers need
 #   [LINK_PRIVATE <target>...]        what only its sources need
+#   [PRECOMPILE <header>...]          what most of its files read first, see DynslamTargets.cmake
 #   [HEADER_CHECK_EXCLUDE <file>...]  relative to include/dynslam/<room>
 #   [HEADER_CHECK_LINK <target>...]   what the headers need that the room does not link)
 #
@@ -82,7 +83,7 @@ endfunction()
 # links that too.
 function(dynslam_add_component room)
   cmake_parse_arguments(PARSE_ARGV 1 arg "HEADER_ONLY" ""
-    "SOURCES;DEPENDS;PACKAGES;BUILD_PACKAGES;LINK_PUBLIC;LINK_PRIVATE;HEADER_CHECK_EXCLUDE;HEADER_CHECK_LINK")
+    "SOURCES;DEPENDS;PACKAGES;BUILD_PACKAGES;LINK_PUBLIC;LINK_PRIVATE;PRECOMPILE;HEADER_CHECK_EXCLUDE;HEADER_CHECK_LINK")
   set(where "dynslam_add_component(${room})")
   if(arg_UNPARSED_ARGUMENTS)
     message(FATAL_ERROR "${where}: do not know what to do with \"${arg_UNPARSED_ARGUMENTS}\"")
@@ -117,6 +118,7 @@ function(dynslam_add_component room)
     add_library(${target} ${arg_SOURCES})
     set(visible PUBLIC)
     dynslam_apply_build_flags(${target})
+    dynslam_precompile_headers(${target} ${arg_PRECOMPILE})
     set_target_properties(${target} PROPERTIES
       VERSION "${PROJECT_VERSION}"
       SOVERSION "${PROJECT_VERSION_MAJOR}.${PROJECT_VERSION_MINOR}"

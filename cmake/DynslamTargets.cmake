@@ -2,6 +2,17 @@
 
 include_guard(DIRECTORY)
 
+# dynslam_precompile_headers(<target> <header>...)
+#
+# With DYNSLAM_PRECOMPILE_HEADERS: reading Eigen takes longer than reading most files that use it.
+# Only for builds beside one that does without, as users do: a file that forgot to include one of
+# these headers is not found out with them.
+function(dynslam_precompile_headers target)
+  if(DYNSLAM_PRECOMPILE_HEADERS AND ARGN)
+    target_precompile_headers(${target} PRIVATE ${ARGN})
+  endif()
+endfunction()
+
 # dynslam_apply_build_flags(<target>)
 #
 # Warnings, sanitizers and reproducible floating point. There is no -march here and there must

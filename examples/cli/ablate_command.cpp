@@ -17,7 +17,7 @@
 namespace dynslam::cli {
 namespace {
 
-struct Flags {
+struct AblateFlags {
   std::vector<std::string> tum, kitti, euroc, scenes;
   SequenceFlags input;  ///< what all sequences share: frames, seed, camera
   AblationPlan plan;
@@ -25,7 +25,7 @@ struct Flags {
   bool json = false;
 };
 
-std::vector<SequenceFlags> sequences_of(const Flags& flags) {
+std::vector<SequenceFlags> sequences_of(const AblateFlags& flags) {
   std::vector<SequenceFlags> sequences;
   const auto add = [&](const std::vector<std::string>& names, std::string SequenceFlags::*member) {
     for (const std::string& name : names) {
@@ -40,7 +40,7 @@ std::vector<SequenceFlags> sequences_of(const Flags& flags) {
   return sequences;
 }
 
-int run(Flags flags) {
+int run(AblateFlags flags) {
   flags.plan.sequences = sequences_of(flags);
   const bool terminal = isatty(STDERR_FILENO) != 0;
   const auto start = std::chrono::steady_clock::now();
@@ -68,7 +68,7 @@ int run(Flags flags) {
 }  // namespace
 
 CLI::App* add_ablate_command(CLI::App& app, std::function<int()>& work) {
-  auto flags = std::make_shared<Flags>();
+  auto flags = std::make_shared<AblateFlags>();
   CLI::App* command =
       app.add_subcommand("ablate", "run every system, whole and without each part, as one table");
   command->footer(

@@ -22,7 +22,7 @@ constexpr const char* kStyle =
     "td.bar{width:30%;text-align:left}td.bar div{height:.8rem;border-radius:2px}"
     ".ate{background:#0072b2}.ms{background:#e69f00}";
 
-std::string format(const char* pattern, double value) {
+std::string number_or_dash(const char* pattern, double value) {
   if (std::isnan(value)) return "-";
   char text[64];
   std::snprintf(text, sizeof text, pattern, value);
@@ -71,7 +71,7 @@ std::string csv(const std::vector<Cell>& cells) {
     out << cell.sequence << ',' << cell.system << ',' << cell.without << ',' << cell.runs.size();
     for (const double value : {summary.tracked_share, summary.ate_median, summary.ate_iqr,
                                summary.ms_median, summary.ms_p95}) {
-      out << ',' << (std::isnan(value) ? "" : format("%.6g", value));
+      out << ',' << (std::isnan(value) ? "" : number_or_dash("%.6g", value));
     }
     out << '\n';
   }
@@ -82,7 +82,7 @@ std::string csv(const std::vector<Cell>& cells) {
 std::string bar(const char* kind, double value, double largest) {
   if (!(value > 0.0) || !(largest > 0.0)) return "<td class=bar></td>";
   return std::string("<td class=bar><div class=") + kind +
-         " style=\"width:" + format("%.1f", std::max(0.5, 100.0 * value / largest)) +
+         " style=\"width:" + number_or_dash("%.1f", std::max(0.5, 100.0 * value / largest)) +
          "%\"></div></td>";
 }
 
@@ -98,12 +98,14 @@ void write_section(std::ostringstream& out, const std::vector<Cell>& cells) {
   for (const Cell& cell : cells) {
     const CellSummary summary = summarize(cell);
     out << (cell.without.empty() ? "<tr class=whole><td>" : "<tr><td>&emsp;")
-        << escape(row_name(cell)) << "</td><td>" << format("%.1f %%", 100.0 * summary.tracked_share)
-        << "</td><td>" << format("%.4f", summary.ate_median) << "</td><td>"
-        << format("%.4f", summary.ate_iqr) << "</td>" << bar("ate", summary.ate_median, largest_ate)
-        << "<td>" << format("%.1f", summary.ms_median) << "</td><td>"
-        << format("%.1f", summary.ms_p95) << "</td>" << bar("ms", summary.ms_median, largest_ms)
-        << "</tr>\n";
+        << escape(row_name(cell)) << "</td><td>"
+        << number_or_dash("%.1f %%", 100.0 * summary.tracked_share) << "</td><td>"
+        << number_or_dash("%.4f", summary.ate_median) << "</td><td>"
+        << number_or_dash("%.4f", summary.ate_iqr) << "</td>"
+        << bar("ate", summary.ate_median, largest_ate) << "<td>"
+        << number_or_dash("%.1f", summary.ms_median) << "</td><td>"
+        << number_or_dash("%.1f", summary.ms_p95) << "</td>"
+        << bar("ms", summary.ms_median, largest_ms) << "</tr>\n";
   }
   out << "</table>\n";
 }
@@ -156,11 +158,12 @@ std::string ablation_table(const std::vector<Cell>& cells) {
     out << line;
     for (const Cell& cell : group) {
       const CellSummary summary = summarize(cell);
-      std::snprintf(
-          line, sizeof line, "  %-22s %7.1f%% %12s %9s %11s %8s\n", row_name(cell).c_str(),
-          100.0 * summary.tracked_share, format("%.4f", summary.ate_median).c_str(),
-          format("%.4f", summary.ate_iqr).c_str(), format("%.1f", summary.ms_median).c_str(),
-          format("%.1f", summary.ms_p95).c_str());
+      std::snprintf(line, sizeof line, "  %-22s %7.1f%% %12s %9s %11s %8s\n",
+                    row_name(cell).c_str(), 100.0 * summary.tracked_share,
+                    number_or_dash("%.4f", summary.ate_median).c_str(),
+                    number_or_dash("%.4f", summary.ate_iqr).c_str(),
+                    number_or_dash("%.1f", summary.ms_median).c_str(),
+                    number_or_dash("%.1f", summary.ms_p95).c_str());
       out << line;
     }
   }

@@ -31,7 +31,7 @@ namespace {
 using Json = nlohmann::ordered_json;
 namespace fs = std::filesystem;
 
-struct Flags {
+struct BenchFlags {
   std::string filter;
   fs::path programs;
   double seconds = 0.05;
@@ -70,7 +70,7 @@ std::vector<fs::path> programs_in(const fs::path& folder) {
 }
 
 // Beside this program in its own build, or in the build that the preset `bench` makes.
-std::vector<fs::path> find_programs(const Flags& flags) {
+std::vector<fs::path> find_programs(const BenchFlags& flags) {
   std::vector<fs::path> folders = {flags.programs};
   if (flags.programs.empty()) {
     std::error_code error;
@@ -181,7 +181,7 @@ void run_program(BenchRun& run, const fs::path& program, const std::string& filt
   for (const Json& result : report.at("benchmarks")) add_result(run, room_of(program), result);
 }
 
-BenchRun run_programs(const Flags& flags) {
+BenchRun run_programs(const BenchFlags& flags) {
   const std::vector<fs::path> programs = find_programs(flags);
   const Filter filter = split(flags.filter, programs);
   BenchRun run;
@@ -242,7 +242,7 @@ void print(const BenchRun& run) {
   }
 }
 
-int run(const Flags& flags) {
+int run(const BenchFlags& flags) {
   const BenchRun result = run_programs(flags);
   if (result.cases.empty()) {
     if (!result.problems.empty()) throw IoError(result.problems.front());
@@ -263,7 +263,7 @@ int run(const Flags& flags) {
 }  // namespace
 
 CLI::App* add_bench_command(CLI::App& app, std::function<int()>& work) {
-  auto flags = std::make_shared<Flags>();
+  auto flags = std::make_shared<BenchFlags>();
   CLI::App* command = app.add_subcommand("bench", "run the built benchmarks briefly, as one table");
   command->footer(
       "Times are of one thread unless the name says otherwise, too short for fine differences;\n"

@@ -45,7 +45,7 @@ Examples:
   dynslam eval rpe gt.txt est.txt --format kitti --align none --delta 10 --unit m)";
 
 // What the command line asks for.
-struct Flags {
+struct EvalFlags {
   std::string metric, truth, estimate, format, align, unit = "f", times, plot;
   double delta = 1.0;
   double max_dt = 0.02;
@@ -54,8 +54,8 @@ struct Flags {
 };
 
 // The work, checked when the command line is parsed.
-struct Job {
-  Flags flags;
+struct EvalJob {
+  EvalFlags flags;
   eval::ReadTrajectoryOptions reading;
   eval::AssociationOptions association;
   eval::Alignment alignment = eval::Alignment::kNone;
@@ -90,8 +90,8 @@ Json to_json(const eval::Statistics& s) {
           {"std", s.std},   {"min", s.min},   {"max", s.max}};
 }
 
-Job make_job(const Flags& flags) {
-  Job job;
+EvalJob make_job(const EvalFlags& flags) {
+  EvalJob job;
   job.flags = flags;
   if (flags.format == "tum") job.reading.format = eval::TrajectoryFormat::kTum;
   if (flags.format == "kitti") job.reading.format = eval::TrajectoryFormat::kKitti;
@@ -120,11 +120,11 @@ Job make_job(const Flags& flags) {
   return job;
 }
 
-void add_scale(Outcome& outcome, const Job& job, const eval::AlignmentResult& alignment) {
+void add_scale(Outcome& outcome, const EvalJob& job, const eval::AlignmentResult& alignment) {
   if (job.alignment == eval::Alignment::kSim3) outcome.scale = alignment.truth_from_estimate.scale;
 }
 
-Outcome run_ate(const Job& job, const Trajectory& truth, const Trajectory& estimate) {
+Outcome run_ate(const EvalJob& job, const Trajectory& truth, const Trajectory& estimate) {
   const eval::AteResult result = eval::ate(truth, estimate, {job.alignment, job.association});
   Outcome outcome;
   outcome.statistics = result.error;
@@ -137,7 +137,7 @@ Outcome run_ate(const Job& job, const Trajectory& truth, const Trajectory& estim
   return outcome;
 }
 
-Outcome run_rpe(const Job& job, const Trajectory& truth, const Trajectory& estimate) {
+Outcome run_rpe(const EvalJob& job, const Trajectory& truth, const Trajectory& estimate) {
   const eval::RpeResult result = eval::rpe(truth, estimate, job.rpe);
   Outcome outcome;
   outcome.statistics = result.translation;
@@ -153,7 +153,7 @@ Outcome run_rpe(const Job& job, const Trajectory& truth, const Trajectory& estim
   return outcome;
 }
 
-Outcome run_kitti(const Job& job, const Trajectory& truth, const Trajectory& estimate) {
+Outcome run_kitti(const EvalJob& job, const Trajectory& truth, const Trajectory& estimate) {
   eval::KittiOptions options;
   options.alignment = job.alignment;
   options.association = job.association;
@@ -181,7 +181,7 @@ Outcome run_kitti(const Job& job, const Trajectory& truth, const Trajectory& est
   return outcome;
 }
 
-void require_pairs(const Job& job, const Outcome& outcome) {
+void require_pairs(const EvalJob& job, const Outcome& outcome) {
   if (outcome.coverage.pairs == 0) {
     throw IoError(job.flags.estimate + ": no pose lies within " + format("%g", job.flags.max_dt) +
                   " s of a pose of " + job.flags.truth +
@@ -198,7 +198,7 @@ void require_pairs(const Job& job, const Outcome& outcome) {
   }
 }
 
-void print_json(const Job& job, const Outcome& outcome) {
+void print_json(const EvalJob& job, const Outcome& outcome) {
   Json json = to_json(outcome.statistics);
   json["pairs"] = outcome.statistics.count;
   json["align"] = std::string(to_string(job.alignment));
@@ -210,7 +210,7 @@ void print_json(const Job& job, const Outcome& outcome) {
   std::cout << json.dump(2) << '\n';
 }
 
-void print_table(const Job& job, const Outcome& outcome) {
+void print_table(const EvalJob& job, const Outcome& outcome) {
   std::printf(
       "%zu of %zu poses associated, %.1f %% of the truth's time covered, alignment %s, %zu pairs",
       outcome.coverage.pairs, outcome.coverage.estimate_poses, 100.0 * outcome.coverage.time_share,
@@ -221,7 +221,7 @@ void print_table(const Job& job, const Outcome& outcome) {
   for (const std::string& line : outcome.lines) std::printf("%s\n", line.c_str());
 }
 
-int run_eval(const Job& job) {
+int run_eval(const EvalJob& job) {
   eval::ReadTrajectoryOptions reading_truth = job.reading;
   reading_truth.drop_repeated = true;
   const Trajectory truth = eval::read_trajectory(job.flags.truth, reading_truth);
@@ -243,7 +243,7 @@ int run_eval(const Job& job) {
 }  // namespace
 
 CLI::App* add_eval_command(CLI::App& app, std::function<int()>& run) {
-  auto flags = std::make_shared<Flags>();
+  auto flags = std::make_shared<EvalFlags>();
   CLI::App* eval = app.add_subcommand("eval", "Errors of an estimated trajectory: ATE, RPE, KITTI");
   eval->footer(kFooter);
   eval->add_option("METRIC", flags->metric, "ate, rpe or kitti")
@@ -281,7 +281,7 @@ CLI::App* add_eval_command(CLI::App& app, std::function<int()>& run) {
         throw CLI::ValidationError(option->get_name(), "only rpe has steps");
       }
     }
-    const Job job = make_job(*flags);
+    const EvalJob job = make_job(*flags);
     run = [job] { return run_eval(job); };
   });
   return eval;

@@ -47,7 +47,7 @@ struct MatchOptions {
   bool json = false;
 };
 
-struct View {
+struct PosedImage {
   std::vector<cv::KeyPoint> keypoints;
   cv::Mat descriptors;
   std::optional<RigidTransform> T_world_cam;
@@ -74,7 +74,7 @@ class Views {
       const dataset::Frame frame = sequence->read(i);
       cv::Mat gray = frame.color;
       if (gray.channels() == 3) cv::cvtColor(frame.color, gray, cv::COLOR_BGR2GRAY);
-      View view;
+      PosedImage view;
       view.T_world_cam = frame.T_world_cam;
       if (options.extractor == "opencv") {
         opencv->detectAndCompute(gray, cv::noArray(), view.keypoints, view.descriptors);
@@ -86,7 +86,7 @@ class Views {
   }
 
   std::size_t size() const { return views_.size(); }
-  const View& operator[](std::size_t i) const { return views_[i]; }
+  const PosedImage& operator[](std::size_t i) const { return views_[i]; }
   Eigen::Matrix3d intrinsics() const {
     Eigen::Matrix3d k = Eigen::Matrix3d::Identity();
     k(0, 0) = camera_.fx, k(1, 1) = camera_.fy, k(0, 2) = camera_.cx, k(1, 2) = camera_.cy;
@@ -95,7 +95,7 @@ class Views {
 
  private:
   DepthCamera camera_;
-  std::vector<View> views_;
+  std::vector<PosedImage> views_;
 };
 
 /// Tells good matches by the true relative pose.
@@ -124,7 +124,7 @@ class Truth {
 };
 
 /// Means over pairs; of the time the median, since the machine may be busy with other things.
-struct Score {
+struct MatchScore {
   void add(const std::vector<std::uint8_t>& keep, const std::vector<std::uint8_t>& good,
            double milliseconds) {
     double both = 0, kept = 0, right = 0;
@@ -188,7 +188,7 @@ class MatchRun {
   }
 
  private:
-  void compare(const View& a, const View& b, const Eigen::Matrix3d& k) {
+  void compare(const PosedImage& a, const PosedImage& b, const Eigen::Matrix3d& k) {
     if (!a.T_world_cam || !b.T_world_cam || a.keypoints.empty() || b.keypoints.size() < 2) return;
     std::vector<std::vector<cv::DMatch>> nearest;
     matcher_.knnMatch(a.descriptors, b.descriptors, nearest, 2);
@@ -213,7 +213,7 @@ class MatchRun {
     ratio_score_.add(ratio, good, 0.0);
   }
 
-  void score_rules(const View& a, const View& b, const std::vector<cv::DMatch>& matches,
+  void score_rules(const PosedImage& a, const PosedImage& b, const std::vector<cv::DMatch>& matches,
                    const std::vector<std::uint8_t>& good) {
     std::vector<std::uint8_t> keep(matches.size());
     std::vector<float> weight(matches.size());
@@ -280,9 +280,9 @@ class MatchRun {
 
   MatchOptions options_;
   std::vector<matching::NamedRule> rules_;
-  std::vector<Score> rule_scores_;
-  Score rival_scores_[std::size(kRivals)];
-  Score ratio_score_;
+  std::vector<MatchScore> rule_scores_;
+  MatchScore rival_scores_[std::size(kRivals)];
+  MatchScore ratio_score_;
   cv::BFMatcher matcher_{cv::NORM_HAMMING};
   matching::Workspace workspace_;
   std::size_t pairs_ = 0, matches_ = 0, good_ = 0;
@@ -292,7 +292,7 @@ class MatchRun {
 
 CLI::App* add_match_command(CLI::App& app, std::function<int()>& run) {
   auto options = std::make_shared<MatchOptions>();
-  CLI::App* command = app.add_subcommand("match", "Score match rejection against true poses");
+  CLI::App* command = app.add_subcommand("match", "MatchScore match rejection against true poses");
   command->footer(
       "Example: dynslam match --tum DIR --gap 15 --rule default --rule ModalBin --json");
   CLI::Option* tum = command->add_option("--tum", options->tum, "recording in TUM RGB-D layout");

@@ -27,7 +27,7 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-struct Flags {
+struct MoversFlags {
   SequenceFlags input;
   RunFlags run;
   std::filesystem::path truth_masks;
@@ -71,11 +71,11 @@ class Score {
   }
 
   Json report() const {
-    Json json = {{"features", features_}};
-    json.update(rates(all_));
-    json["unknown_share"] = ratio(unknown_, features_);
-    json["sources"] = {{"network", rates(network_)}, {"geometry", rates(geometry_)}};
-    return json;
+    Json values = {{"features", features_}};
+    values.update(rates(all_));
+    values["unknown_share"] = ratio(unknown_, features_);
+    values["sources"] = {{"network", rates(network_)}, {"geometry", rates(geometry_)}};
+    return values;
   }
 
  private:
@@ -140,7 +140,7 @@ void print_report(const Json& report) {
   for (const auto& [source, rates] : report["sources"].items()) print_rates(source.c_str(), rates);
 }
 
-int run(const Flags& flags) {
+int run(const MoversFlags& flags) {
   const std::unique_ptr<dataset::Sequence> sequence = open_sequence(flags.input);
   require_depth("dynslam movers", *sequence);
   slam::System system(sequence->camera(), composition_of(flags.run).options);
@@ -178,7 +178,7 @@ int run(const Flags& flags) {
 }  // namespace
 
 CLI::App* add_movers_command(CLI::App& app, std::function<int()>& work) {
-  auto flags = std::make_shared<Flags>();
+  auto flags = std::make_shared<MoversFlags>();
   CLI::App* command = app.add_subcommand("movers", "score what is taken for moving against masks");
   command->footer("Example:\n  dynslam movers --tum DIR --truth-masks DIR/mask --segmenter none");
   flags->input.add_to(*command);

@@ -21,7 +21,7 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-struct Flags {
+struct RunCommandFlags {
   SequenceFlags input;
   RunFlags run;
   std::filesystem::path out;
@@ -98,7 +98,7 @@ void note_absent_parts(const RunFlags& flags) {
 }
 
 // Further systems, and what is left of this one without each of its parts.
-std::vector<RunFlags> compared_with(const Flags& flags) {
+std::vector<RunFlags> compared_with(const RunCommandFlags& flags) {
   RunFlags plain = flags.run;
   plain.video.clear();
   plain.show = false;
@@ -115,7 +115,7 @@ std::vector<RunFlags> compared_with(const Flags& flags) {
   return others;
 }
 
-int run(Flags flags) {
+int run(RunCommandFlags flags) {
   flags.input.stereo = flags.run.sensor == slam::to_string(slam::Sensor::kStereo);
   std::unique_ptr<dataset::Sequence> sequence = open_sequence(flags.input);
   prepare_output(flags.out);
@@ -169,7 +169,7 @@ int run(Flags flags) {
 }  // namespace
 
 CLI::App* add_run_command(CLI::App& app, std::function<int()>& work) {
-  auto flags = std::make_shared<Flags>();
+  auto flags = std::make_shared<RunCommandFlags>();
   CLI::App* command = app.add_subcommand("run", "track a sequence and judge the result");
   command->footer(
       "Example:\n  dynslam run --tum rgbd_dataset_freiburg3_walking_xyz --system p-yolo \\\n"

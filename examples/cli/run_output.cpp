@@ -21,7 +21,7 @@ namespace {
 using Json = nlohmann::ordered_json;
 namespace fs = std::filesystem;
 
-std::string format(const char* pattern, double value) {
+std::string printed(const char* pattern, double value) {
   char text[64];
   std::snprintf(text, sizeof text, pattern, value);
   return text;
@@ -104,12 +104,12 @@ void write_frames(const fs::path& path, const RunOutcome& outcome) {
   for (const Stage& stage : kStages) out << ',' << stage.name << "_ms";
   out << ",total_ms\n";
   for (const FrameRow& row : outcome.rows) {
-    out << row.index << ',' << format("%.6f", row.timestamp) << ',' << row.state << ','
-        << row.features << ',' << row.inliers << ',' << format("%.4f", row.masked_share) << ','
-        << row.mask_age << ',' << row.moving_features << ',' << format("%.4f", row.moving_share)
+    out << row.index << ',' << printed("%.6f", row.timestamp) << ',' << row.state << ','
+        << row.features << ',' << row.inliers << ',' << printed("%.4f", row.masked_share) << ','
+        << row.mask_age << ',' << row.moving_features << ',' << printed("%.4f", row.moving_share)
         << ',' << row.rejected_features << ',' << (row.keyframe ? 1 : 0) << ',' << row.loops;
-    for (const Stage& stage : kStages) out << ',' << format("%.3f", stage.of(row));
-    out << ',' << format("%.3f", row.total_ms);
+    for (const Stage& stage : kStages) out << ',' << printed("%.3f", stage.of(row));
+    out << ',' << printed("%.3f", row.total_ms);
     out << '\n';
   }
   write_text(path, out.str());
@@ -124,7 +124,7 @@ void write_ply(const fs::path& path, const slam::Map& map) {
          "property uchar green\nproperty uchar blue\nend_header\n";
   for (const slam::PointId id : map.point_ids()) {
     const slam::MapPoint& point = map.point(id);
-    for (int i = 0; i < 3; ++i) out << format("%.5f", point.position[i]) << ' ';
+    for (int i = 0; i < 3; ++i) out << printed("%.5f", point.position[i]) << ' ';
     out << int{point.color[2]} << ' ' << int{point.color[1]} << ' ' << int{point.color[0]} << '\n';
   }
   write_text(path, out.str());

@@ -85,9 +85,9 @@ class Source {
 };
 
 // Intersection over union of the mask with the truth, where the truth says enough.
-class Score {
+class MaskScore {
  public:
-  Score(std::string folder, int value) : folder_(std::move(folder)), value_(value) {}
+  MaskScore(std::string folder, int value) : folder_(std::move(folder)), value_(value) {}
 
   // `fresh`: the mask of the frame itself where `mask` was carried to it, else the same.
   void add(const std::string& stem, const cv::Mat& mask, const cv::Mat& fresh) {
@@ -428,7 +428,7 @@ class SegmentRun {
   std::unique_ptr<seg::Segmenter> segmenter_;
   seg::MaskPolicy policy_;
   Source source_;
-  Score score_;
+  MaskScore score_;
   std::optional<LateMasks> late_;
   std::size_t skipped_ = 0;
   json images_ = json::array();

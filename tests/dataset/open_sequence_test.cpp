@@ -18,7 +18,7 @@ using testing::TempFolder;
 using testing::write_image;
 using testing::write_text;
 
-DepthCamera any_camera() {
+DepthCamera ten_pixel_camera() {
   DepthCamera camera;
   camera.fx = camera.fy = 10.0;
   return camera;
@@ -33,7 +33,7 @@ TEST(OpenImageFolder, TakesImagesInTheOrderInWhichPeopleCount) {
   fs::remove(folder / "x.png");
   write_text(folder / "notes.txt", "no image");
   fs::create_directory(folder / "f2.png");
-  const auto sequence = open_image_folder(folder.path(), any_camera(), 4.0);
+  const auto sequence = open_image_folder(folder.path(), ten_pixel_camera(), 4.0);
   ASSERT_EQ(sequence->size(), 4U);
   EXPECT_EQ(sequence->frame_name(0), "f1");
   EXPECT_EQ(sequence->frame_name(1), "f9");
@@ -47,13 +47,14 @@ TEST(OpenImageFolder, TakesImagesInTheOrderInWhichPeopleCount) {
 
 TEST(OpenImageFolder, RefusesAnEmptyFolderABadCameraAndABadRate) {
   TempFolder folder;
-  EXPECT_TRUE(holds(io_error_of([&] { open_image_folder(folder.path(), any_camera()); }),
+  EXPECT_TRUE(holds(io_error_of([&] { open_image_folder(folder.path(), ten_pixel_camera()); }),
                     "there are no frames"));
   EXPECT_TRUE(
       holds(invalid_argument_of([&] { open_image_folder(folder.path(), DepthCamera()); }), "fx"));
-  EXPECT_TRUE(holds(
-      invalid_argument_of([&] { open_image_folder(folder.path(), any_camera(), 0.0); }), "fps"));
-  EXPECT_THROW(open_image_folder(folder / "none", any_camera()), IoError);
+  EXPECT_TRUE(
+      holds(invalid_argument_of([&] { open_image_folder(folder.path(), ten_pixel_camera(), 0.0); }),
+            "fps"));
+  EXPECT_THROW(open_image_folder(folder / "none", ten_pixel_camera()), IoError);
 }
 
 TEST(OpenSequence, KnowsEachKindOfFolder) {
@@ -74,7 +75,7 @@ TEST(OpenSequence, KnowsEachKindOfFolder) {
   EXPECT_TRUE(holds(io_error_of([&] { open_sequence(root / "euroc"); }), "sensor.yaml"));
 
   OpenOptions options;
-  options.camera = any_camera();
+  options.camera = ten_pixel_camera();
   options.fps = 5.0;
   EXPECT_EQ(guess_folder_kind(root / "kitti/image_0"), FolderKind::kImages);
   EXPECT_EQ(open_sequence(root / "kitti/image_0", options)->fps(), 5.0);
@@ -84,7 +85,7 @@ TEST(OpenSequence, PassesItsOptionsOn) {
   TempFolder folder;
   testing::write_tiny_tum(folder.path(), 2);
   OpenOptions options;
-  options.camera = any_camera();
+  options.camera = ten_pixel_camera();
   options.depth_scale = 2000.0;
   const auto sequence = open_sequence(folder.path(), options);
   EXPECT_EQ(sequence->camera().fy, 10.0);
@@ -106,7 +107,7 @@ TEST(OpenSequence, SaysWhatItCannotDo) {
   EXPECT_TRUE(holds(io_error_of([&] { open_sequence(root / "images"); }), "expected one in the"));
   fs::create_directories(root / "euroc/cam0");
   OpenOptions options;
-  options.camera = any_camera();
+  options.camera = ten_pixel_camera();
   EXPECT_TRUE(
       holds(invalid_argument_of([&] { open_sequence(root / "euroc", options); }), "camera"));
 }

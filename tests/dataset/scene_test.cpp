@@ -87,7 +87,7 @@ TEST(MakeScene, RefusesFramesPastTheEnd) {
 // ---------------------------------------------------------------- options
 
 class BadSceneOption
-    : public testing::TestWithParam<std::pair<const char*, void (*)(SceneOptions&)>> {};
+    : public ::testing::TestWithParam<std::pair<const char*, void (*)(SceneOptions&)>> {};
 
 TEST_P(BadSceneOption, IsRefusedByName) {
   const auto& [name, spoil] = GetParam();
@@ -106,39 +106,39 @@ constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 
 INSTANTIATE_TEST_SUITE_P(
     Options, BadSceneOption,
-    testing::Values(std::pair(
-                        "frames", +[](SceneOptions& o) { o.frames = 0; }),
-                    std::pair(
-                        "frames", +[](SceneOptions& o) { o.frames = 1000001; }),
-                    std::pair(
-                        "fps", +[](SceneOptions& o) { o.fps = 0.0; }),
-                    std::pair(
-                        "fps", +[](SceneOptions& o) { o.fps = kNaN; }),
-                    std::pair(
-                        "start_time", +[](SceneOptions& o) { o.start_time = kNaN; }),
-                    std::pair(
-                        "fx", +[](SceneOptions& o) { o.camera.fx = 0.0; }),
-                    std::pair(
-                        "bf", +[](SceneOptions& o) { o.camera.bf = -1.0; }),
-                    std::pair(
-                        "camera.width", +[](SceneOptions& o) { o.camera.width = 15; }),
-                    std::pair(
-                        "camera.height", +[](SceneOptions& o) { o.camera.height = 8193; }),
-                    std::pair(
-                        "motion",
-                        +[](SceneOptions& o) { o.motion = static_cast<CameraMotion>(9); }),
-                    std::pair(
-                        "camera_speed", +[](SceneOptions& o) { o.camera_speed = -0.1; }),
-                    std::pair(
-                        "tremor", +[](SceneOptions& o) { o.tremor = 11.0; }),
-                    std::pair(
-                        "mover_speed", +[](SceneOptions& o) { o.mover_speed = kNaN; }),
-                    std::pair(
-                        "exposure_time", +[](SceneOptions& o) { o.exposure_time = 0.04; }),
-                    std::pair(
-                        "exposure_time", +[](SceneOptions& o) { o.exposure_time = -0.01; }),
-                    std::pair(
-                        "threads", +[](SceneOptions& o) { o.threads = 0; })));
+    ::testing::Values(std::pair(
+                          "frames", +[](SceneOptions& o) { o.frames = 0; }),
+                      std::pair(
+                          "frames", +[](SceneOptions& o) { o.frames = 1000001; }),
+                      std::pair(
+                          "fps", +[](SceneOptions& o) { o.fps = 0.0; }),
+                      std::pair(
+                          "fps", +[](SceneOptions& o) { o.fps = kNaN; }),
+                      std::pair(
+                          "start_time", +[](SceneOptions& o) { o.start_time = kNaN; }),
+                      std::pair(
+                          "fx", +[](SceneOptions& o) { o.camera.fx = 0.0; }),
+                      std::pair(
+                          "bf", +[](SceneOptions& o) { o.camera.bf = -1.0; }),
+                      std::pair(
+                          "camera.width", +[](SceneOptions& o) { o.camera.width = 15; }),
+                      std::pair(
+                          "camera.height", +[](SceneOptions& o) { o.camera.height = 8193; }),
+                      std::pair(
+                          "motion",
+                          +[](SceneOptions& o) { o.motion = static_cast<CameraMotion>(9); }),
+                      std::pair(
+                          "camera_speed", +[](SceneOptions& o) { o.camera_speed = -0.1; }),
+                      std::pair(
+                          "tremor", +[](SceneOptions& o) { o.tremor = 11.0; }),
+                      std::pair(
+                          "mover_speed", +[](SceneOptions& o) { o.mover_speed = kNaN; }),
+                      std::pair(
+                          "exposure_time", +[](SceneOptions& o) { o.exposure_time = 0.04; }),
+                      std::pair(
+                          "exposure_time", +[](SceneOptions& o) { o.exposure_time = -0.01; }),
+                      std::pair(
+                          "threads", +[](SceneOptions& o) { o.threads = 0; })));
 
 }  // namespace
 }  // namespace dynslam::dataset

@@ -13,7 +13,7 @@
 namespace dynslam::evaluation {
 namespace {
 
-const double kNaN = std::numeric_limits<double>::quiet_NaN();
+using testing::kNaN;
 
 RpeOptions step_of(double delta, RpeUnit unit, RpePairs pairs = RpePairs::kAuto) {
   RpeOptions options;

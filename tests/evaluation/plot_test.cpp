@@ -16,7 +16,7 @@
 namespace dynslam::evaluation {
 namespace {
 
-const double kNaN = std::numeric_limits<double>::quiet_NaN();
+using testing::kNaN;
 
 PlotSeries line(std::vector<double> x, std::vector<double> y) {
   PlotSeries series;

@@ -15,7 +15,7 @@
 namespace dynslam::evaluation {
 namespace {
 
-const double kNaN = std::numeric_limits<double>::quiet_NaN();
+using testing::kNaN;
 
 bool contains(const std::string& text, const std::string& part) {
   return text.find(part) != std::string::npos;

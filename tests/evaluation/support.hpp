@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <fstream>
 #include <iterator>
+#include <limits>
 #include <map>
 #include <random>
 #include <sstream>
@@ -17,6 +18,8 @@
 #include "dynslam/evaluation/trajectory_io.hpp"
 
 namespace dynslam::evaluation::testing {
+
+inline constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 
 inline Eigen::Vector3d random_vector(std::mt19937& random, double sigma) {
   std::normal_distribution<double> normal(0.0, sigma);

@@ -293,7 +293,7 @@ TEST(BundleAdjustmentStatus, CoincidentPointsAndFreeGaugeStayFinite) {
 
 // --- contracts -------------------------------------------------------------------------------
 
-void expect_names(const std::string& name, const std::function<void()>& call) {
+void expect_refusal(const std::string& name, const std::function<void()>& call) {
   try {
     call();
     ADD_FAILURE() << "nothing thrown for " << name;
@@ -308,7 +308,7 @@ TEST(BundleAdjustmentContract, NamesWhatIsWrong) {
     const Bundle before = b;
     BundleProblem problem = b.view();
     change(b, problem);
-    expect_names(name, [&] { optimize_bundle(problem); });
+    expect_refusal(name, [&] { optimize_bundle(problem); });
     EXPECT_EQ(b.points[1], before.points[1]);
   };
   const std::vector<std::uint8_t> short_flags(2, 0);
@@ -335,7 +335,7 @@ TEST(BundleOptions, RefuseByName) {
   const auto refuses = [](const char* name, auto&& change) {
     BundleOptions options;
     change(options);
-    expect_names(name, [&] { options.validate(); });
+    expect_refusal(name, [&] { options.validate(); });
   };
   refuses("lambda", [](auto& o) { o.lambda = std::nan(""); });
   refuses("scale", [](auto& o) { o.loss.scale = 0.0; });

@@ -18,7 +18,7 @@ using synthetic::Bundle;
 using synthetic::BundleShape;
 using synthetic::make_bundle;
 
-BundleShape small_shape() {
+BundleShape tiny_shape() {
   BundleShape shape;
   shape.keyframes = 5;
   shape.points = 60;
@@ -79,37 +79,37 @@ void expect_too_few(const Bundle& start) {
 }
 
 TEST(BundleBadInput, NoObservations) {
-  Bundle b = make_bundle(small_shape(), 1);
+  Bundle b = make_bundle(tiny_shape(), 1);
   b.observations.clear();
   expect_too_few(b);
 }
 
 TEST(BundleBadInput, AllPointsBehind) {
-  Bundle b = make_bundle(small_shape(), 2);
+  Bundle b = make_bundle(tiny_shape(), 2);
   for (Eigen::Vector3d& X : b.points) X.z() = -X.z();
   expect_too_few(b);
 }
 
 TEST(BundleBadInput, AllPointsNan) {
-  Bundle b = make_bundle(small_shape(), 3);
+  Bundle b = make_bundle(tiny_shape(), 3);
   for (Eigen::Vector3d& X : b.points) X.y() = std::nan("");
   expect_too_few(b);
 }
 
 TEST(BundleBadInput, AllWeightsZero) {
-  Bundle b = make_bundle(small_shape(), 4);
+  Bundle b = make_bundle(tiny_shape(), 4);
   for (BundleObservation& o : b.observations) o.weight = 0.0F;
   expect_too_few(b);
 }
 
 TEST(BundleBadInput, AllWeightsNan) {
-  Bundle b = make_bundle(small_shape(), 4);
+  Bundle b = make_bundle(tiny_shape(), 4);
   for (BundleObservation& o : b.observations) o.weight = std::nanf("");
   expect_too_few(b);
 }
 
 TEST(BundleBadInput, NanDepthIsMono) {
-  Bundle b = make_bundle(small_shape(), 5);
+  Bundle b = make_bundle(tiny_shape(), 5);
   for (BundleObservation& o : b.observations) o.right_column = std::nanf("");
   for_each_solver(b, [&](const BundleSummary& summary, const Bundle& result) {
     EXPECT_TRUE(usable(summary.status));
@@ -120,7 +120,7 @@ TEST(BundleBadInput, NanDepthIsMono) {
 
 TEST(BundleBadInput, CoincidentPoints) {
   for (const double depth : {0.0, 1.0}) {
-    BundleShape shape = small_shape();
+    BundleShape shape = tiny_shape();
     shape.depth = depth;
     Bundle b = make_bundle(shape, 6);
     for (Eigen::Vector3d& X : b.points) X = Eigen::Vector3d(0.1, 0.1, 3.0);
@@ -134,7 +134,7 @@ TEST(BundleBadInput, CoincidentPoints) {
 
 TEST(BundleBadInput, PointsOnALine) {
   for (const double depth : {0.0, 1.0}) {
-    BundleShape shape = small_shape();
+    BundleShape shape = tiny_shape();
     shape.depth = depth;
     Bundle b = make_bundle(shape, 7);
     for (std::size_t p = 0; p < b.points.size(); ++p)
@@ -150,7 +150,7 @@ TEST(BundleBadInput, PointsOnALine) {
 }
 
 TEST(BundleBadInput, PureRotationWithoutDepthLeavesDistancesOpen) {
-  BundleShape shape = small_shape();
+  BundleShape shape = tiny_shape();
   shape.depth = 0.0;
   shape.fixed = 1;
   Bundle b = make_bundle(shape, 8);
@@ -167,7 +167,7 @@ TEST(BundleBadInput, PureRotationWithoutDepthLeavesDistancesOpen) {
 }
 
 TEST(BundleBadInput, PureRotationWithDepthIsGood) {
-  BundleShape shape = small_shape();
+  BundleShape shape = tiny_shape();
   Bundle b = make_bundle(shape, 9);
   for (std::size_t k = 0; k < b.truth.size(); ++k) {
     b.truth[k] = {so3_exp({0.0, 0.03 * static_cast<double>(k), 0.0}), Eigen::Vector3d::Zero()};

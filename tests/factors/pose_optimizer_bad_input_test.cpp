@@ -17,7 +17,8 @@ namespace {
 using synthetic::Frame;
 using synthetic::make_frame;
 
-constexpr WeightMode kModes[] = {WeightMode::kFixed, WeightMode::kJoint, WeightMode::kEliminated};
+constexpr WeightMode kAllModes[] = {WeightMode::kFixed, WeightMode::kJoint,
+                                    WeightMode::kEliminated};
 const float kNan = std::nanf("");
 const float kInfinity = std::numeric_limits<float>::infinity();
 
@@ -30,7 +31,7 @@ Frame small_frame(int points, unsigned seed = 1) {
 // Runs every mode and checks what holds whatever happens.
 void for_each_mode(const Frame& f,
                    const std::function<void(const PoseResult&, const PoseOptimizer&)>& check) {
-  for (const WeightMode mode : kModes) {
+  for (const WeightMode mode : kAllModes) {
     PoseOptimizerOptions options;
     options.weights = mode;
     PoseOptimizer optimizer(options);
@@ -198,7 +199,7 @@ TEST(PoseOptimizerStatus, IsNonFiniteForAPoseThatIs) {
 
 TEST(PoseOptimizerStatus, IsTooFewPointsWhenRoundsRejectEverything) {
   const Frame f = small_frame(40);
-  for (const WeightMode mode : kModes) {
+  for (const WeightMode mode : kAllModes) {
     PoseOptimizerOptions options;
     options.weights = mode;
     options.rounds = 2;

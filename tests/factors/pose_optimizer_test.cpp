@@ -22,7 +22,7 @@ using synthetic::pose_error;
 
 constexpr WeightMode kModes[] = {WeightMode::kFixed, WeightMode::kJoint, WeightMode::kEliminated};
 
-PoseOptimizerOptions precise(WeightMode mode) {
+PoseOptimizerOptions precise_pose(WeightMode mode) {
   PoseOptimizerOptions options;
   options.weights = mode;
   options.max_iterations = 100;
@@ -39,7 +39,7 @@ TEST(PoseOptimizer, FindsTheExactPoseOfExactPoints) {
       o.noise = 0.0;
       o.depth = depth;
       const Frame f = make_frame(o, 1);
-      PoseOptimizer optimizer(precise(mode));
+      PoseOptimizer optimizer(precise_pose(mode));
       const PoseResult result = optimizer.optimize(f.camera, f.view(), f.start);
       EXPECT_TRUE(result) << to_string(result.status);
       // Pixels are floats: their rounding is what is left.
@@ -61,8 +61,8 @@ TEST(PoseOptimizer, JointAndEliminatedReachTheSameOptimum) {
     std::mt19937 rng(seed);
     std::uniform_real_distribution<float> uniform(0.3F, 1.0F);
     for (float& weight : f.weights) weight = uniform(rng);
-    PoseOptimizer joint(precise(WeightMode::kJoint));
-    PoseOptimizer eliminated(precise(WeightMode::kEliminated));
+    PoseOptimizer joint(precise_pose(WeightMode::kJoint));
+    PoseOptimizer eliminated(precise_pose(WeightMode::kEliminated));
     const PoseResult a = joint.optimize(f.camera, f.view(), f.start);
     const PoseResult b = eliminated.optimize(f.camera, f.view(), f.start);
     EXPECT_EQ(a.status, SolveStatus::kConverged);
@@ -132,7 +132,7 @@ TEST(PoseOptimizer, RoundsWithRejectionEndNearLeastSquaresOverTheInliers) {
   options.rounds = 4;
   options.loss_in_last_round = false;
   PoseOptimizer optimizer(options);
-  PoseOptimizer clean_optimizer(precise(WeightMode::kFixed));
+  PoseOptimizer clean_optimizer(precise_pose(WeightMode::kFixed));
   double with = 0.0, clean = 0.0;
   for (unsigned seed = 0; seed < 20; ++seed) {
     const Frame f = make_frame(o, seed);
@@ -149,7 +149,7 @@ TEST(PoseOptimizer, CovarianceIsThatOfManyNoisyRuns) {
   FrameOptions o;
   o.points = 100;
   o.start_distance = o.start_rotation = 0.0;
-  PoseOptimizerOptions options = precise(WeightMode::kFixed);
+  PoseOptimizerOptions options = precise_pose(WeightMode::kFixed);
   options.loss = {};
   PoseOptimizer optimizer(options);
   // The same geometry each time, fresh noise.
@@ -182,7 +182,7 @@ TEST(PoseOptimizer, PriorHoldsWhatTheDataDoNot) {
   PosePrior prior;
   prior.mean = f.truth;
   prior.information = 1e12 * Matrix6d::Identity();
-  PoseOptimizer optimizer(precise(WeightMode::kFixed));
+  PoseOptimizer optimizer(precise_pose(WeightMode::kFixed));
   const PoseResult result = optimizer.optimize(f.camera, f.view(), f.start, &prior);
   EXPECT_TRUE(result);
   EXPECT_LT(se3_log(result.T_cam_world * f.truth.inverse()).norm(), 1e-4);
@@ -199,10 +199,10 @@ TEST(PoseOptimizer, OptimumWithPriorHasZeroGradient) {
   PosePrior prior;
   prior.mean = f.start;
   prior.information = Vector6d(1e4, 2e4, 3e4, 4e4, 5e4, 6e4).asDiagonal();
-  PoseOptimizer optimizer(precise(WeightMode::kEliminated));
+  PoseOptimizer optimizer(precise_pose(WeightMode::kEliminated));
   const PoseResult best = optimizer.optimize(f.camera, f.view(), f.start, &prior);
   ASSERT_TRUE(best);
-  PoseOptimizerOptions one = precise(WeightMode::kEliminated);
+  PoseOptimizerOptions one = precise_pose(WeightMode::kEliminated);
   one.max_iterations = 1;
   PoseOptimizer prober(one);
   for (int k = 0; k < 12; ++k) {
@@ -245,7 +245,7 @@ TEST(PoseOptimizer, GivesTheSameAnswerTwiceAndWhateverCameBetween) {
 
 TEST(PoseOptimizer, AgreesAcrossInstructionSets) {
   const Frame f = make_frame({}, 6);
-  PoseOptimizer optimizer(precise(WeightMode::kJoint));
+  PoseOptimizer optimizer(precise_pose(WeightMode::kJoint));
   const PoseResult best = optimizer.optimize(f.camera, f.view(), f.start);
   for (const std::int64_t target : hwy::SupportedAndGeneratedTargets()) {
     hwy::SetSupportedTargetsForTest(target);
@@ -264,7 +264,7 @@ TEST(PoseOptimizer, ConvergesFromFarForEveryLoss) {
   for (const RobustLoss loss :
        {RobustLoss{LossKind::kHuber, 2.447, 0.0}, RobustLoss{LossKind::kCauchy, 2.0, 0.0},
         RobustLoss{LossKind::kBarron, 2.0, 0.5}}) {
-    PoseOptimizerOptions options = precise(WeightMode::kFixed);
+    PoseOptimizerOptions options = precise_pose(WeightMode::kFixed);
     options.loss = loss;
     PoseOptimizer optimizer(options);
     for (unsigned seed = 0; seed < 10; ++seed) {

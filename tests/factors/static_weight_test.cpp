@@ -12,7 +12,7 @@
 namespace dynslam::factors {
 namespace {
 
-const double kNan = std::nan("");
+const double kNotANumber = std::nan("");
 
 TEST(InitialWeight, OfTwoDetectorsIsThePapersSum) {
   const DetectorVote votes[] = {{1.0, 0.5}, {0.0, 0.5}};
@@ -22,13 +22,13 @@ TEST(InitialWeight, OfTwoDetectorsIsThePapersSum) {
 }
 
 TEST(InitialWeight, LeavesOutDetectorsWithoutAnOpinion) {
-  const DetectorVote votes[] = {{kNan, 0.5}, {0.8, 0.25}, {0.2, 0.25}};
+  const DetectorVote votes[] = {{kNotANumber, 0.5}, {0.8, 0.25}, {0.2, 0.25}};
   EXPECT_DOUBLE_EQ(initial_weight(votes), 0.5);
 }
 
 TEST(InitialWeight, WithoutAnyOpinionIsThePreviousWeightOrUnknown) {
   EXPECT_DOUBLE_EQ(initial_weight({}), 0.5);
-  EXPECT_DOUBLE_EQ(initial_weight({}, kNan, {0.0, 0.9}), 0.9);
+  EXPECT_DOUBLE_EQ(initial_weight({}, kNotANumber, {0.0, 0.9}), 0.9);
   EXPECT_DOUBLE_EQ(initial_weight({}, 0.3), 0.3);
   const DetectorVote idle[] = {{1.0, 0.0}};
   EXPECT_DOUBLE_EQ(initial_weight(idle, 0.3), 0.3);
@@ -37,7 +37,7 @@ TEST(InitialWeight, WithoutAnyOpinionIsThePreviousWeightOrUnknown) {
 TEST(InitialWeight, RemembersByItsMomentum) {
   const DetectorVote votes[] = {{1.0, 1.0}};
   EXPECT_DOUBLE_EQ(initial_weight(votes, 0.2, {0.25, 0.5}), 0.8);
-  EXPECT_DOUBLE_EQ(initial_weight(votes, kNan, {0.25, 0.5}), 1.0);
+  EXPECT_DOUBLE_EQ(initial_weight(votes, kNotANumber, {0.25, 0.5}), 1.0);
 }
 
 TEST(InitialWeight, RefusesBrokenInputByName) {
@@ -60,7 +60,7 @@ TEST(InitialWeight, RefusesBrokenInputByName) {
             }).find("momentum"),
             std::string::npos);
   EXPECT_NE(message([&] {
-              initial_weight({}, 0.5, {0.0, kNan});
+              initial_weight({}, 0.5, {0.0, kNotANumber});
             }).find("unknown"),
             std::string::npos);
 }
@@ -105,7 +105,7 @@ TEST(UpdateWeights, RefusesOtherSizesAndStiffness) {
   EXPECT_THROW(update_weights(three, two, 9.0, three), InvalidArgument);
   EXPECT_THROW(update_weights(three, three, 9.0, two), InvalidArgument);
   EXPECT_THROW(update_weights(three, three, 0.0, three), InvalidArgument);
-  EXPECT_THROW(update_weights(three, three, kNan, three), InvalidArgument);
+  EXPECT_THROW(update_weights(three, three, kNotANumber, three), InvalidArgument);
 }
 
 class LossTest : public testing::TestWithParam<RobustLoss> {};
@@ -152,7 +152,7 @@ TEST(RobustLoss, OfBarronContainsTheOthers) {
 
 TEST(RobustLoss, RefusesScalesAndShapesOutsideItsRules) {
   EXPECT_THROW((RobustLoss{LossKind::kHuber, 0.0, 0.0}.validate()), InvalidArgument);
-  EXPECT_THROW((RobustLoss{LossKind::kHuber, kNan, 0.0}.validate()), InvalidArgument);
+  EXPECT_THROW((RobustLoss{LossKind::kHuber, kNotANumber, 0.0}.validate()), InvalidArgument);
   EXPECT_THROW((RobustLoss{LossKind::kBarron, 1.0, 2.5}.validate()), InvalidArgument);
   EXPECT_NO_THROW((RobustLoss{LossKind::kHuber, 1.0, 2.5}.validate()));
 }

@@ -14,10 +14,7 @@ namespace dynslam::features {
 namespace {
 
 using testing::noise;
-
-DescriptorsView view(const cv::Mat& descriptors) {
-  return as_view<const std::uint8_t>(descriptors);
-}
+using testing::view;
 
 std::vector<Match> match(const cv::Mat& query, const cv::Mat& train,
                          const BruteForceOptions& options = {}) {

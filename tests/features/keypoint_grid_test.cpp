@@ -9,11 +9,13 @@
 
 #include "dynslam/core/errors.hpp"
 
+#include "features/support.hpp"
+
 namespace dynslam::features {
 namespace {
 
-constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
-constexpr float kInfinity = std::numeric_limits<float>::infinity();
+using testing::kInfinity;
+using testing::kNan;
 
 std::vector<cv::Point2f> random_points(int count, unsigned seed) {
   std::mt19937 random(seed);

@@ -15,8 +15,7 @@ namespace dynslam::features {
 namespace {
 
 using testing::texture;
-
-GrayView view(const cv::Mat& image) { return as_view<const std::uint8_t>(image); }
+using testing::view;
 
 double mean_distance(const cv::Mat& a, const cv::Mat& b) {
   return cv::norm(a, b, cv::NORM_HAMMING) / a.rows;

@@ -13,7 +13,7 @@ namespace {
 
 using testing::uniform;
 
-std::vector<Corner> random_corners(int count, int width, int height, unsigned seed) {
+std::vector<Corner> corners_of_seed(int count, int width, int height, unsigned seed) {
   std::mt19937 random(seed);
   std::set<std::pair<int, int>> places;
   while (static_cast<int>(places.size()) < count) {
@@ -31,7 +31,7 @@ TEST(CornerChooser, ReturnsExactlyAsManyAsAskedForAndNoneTwice) {
   CornerChooser chooser;
   std::vector<Corner> chosen;
   for (const int count : {0, 1, 2, 17, 3000}) {
-    const std::vector<Corner> corners = random_corners(count, 640, 480, 1);
+    const std::vector<Corner> corners = corners_of_seed(count, 640, 480, 1);
     for (const int target : {0, 1, 2, 3, 4, 5, 16, 17, 100, 999, 5000}) {
       for (const float share : {0.0F, 0.1F, 0.5F, 1.0F}) {
         chooser.spread(corners, target, share, chosen);
@@ -46,7 +46,7 @@ TEST(CornerChooser, ReturnsExactlyAsManyAsAskedForAndNoneTwice) {
 
 TEST(CornerChooser, TakesTheStrongestIfAskedForOne) {
   CornerChooser chooser;
-  std::vector<Corner> corners = random_corners(500, 640, 480, 2);
+  std::vector<Corner> corners = corners_of_seed(500, 640, 480, 2);
   corners[123].score = 255;
   std::vector<Corner> chosen;
   chooser.spread(corners, 1, 1.0F, chosen);
@@ -56,8 +56,8 @@ TEST(CornerChooser, TakesTheStrongestIfAskedForOne) {
 
 TEST(CornerChooser, GivesSparseRegionsTheirShare) {
   // 2000 corners in the left tenth, 40 in the rest.
-  std::vector<Corner> corners = random_corners(2000, 64, 480, 3);
-  for (Corner corner : random_corners(40, 500, 480, 4)) {
+  std::vector<Corner> corners = corners_of_seed(2000, 64, 480, 3);
+  for (Corner corner : corners_of_seed(40, 500, 480, 4)) {
     corner.x = static_cast<std::uint16_t>(corner.x + 100);
     corners.push_back(corner);
   }
@@ -70,7 +70,7 @@ TEST(CornerChooser, GivesSparseRegionsTheirShare) {
 }
 
 TEST(CornerChooser, TakesTheStrongestOnlyIfNoneAreToBeSpread) {
-  const std::vector<Corner> corners = random_corners(2000, 640, 480, 5);
+  const std::vector<Corner> corners = corners_of_seed(2000, 640, 480, 5);
   CornerChooser chooser;
   std::vector<Corner> chosen;
   chooser.spread(corners, 300, 0.0F, chosen);
@@ -84,7 +84,7 @@ TEST(CornerChooser, TakesTheStrongestOnlyIfNoneAreToBeSpread) {
 }
 
 TEST(CornerChooser, HoldsTheEvenlySpreadOnesAndTheStrongestOfTheRest) {
-  const std::vector<Corner> corners = random_corners(2000, 640, 480, 6);
+  const std::vector<Corner> corners = corners_of_seed(2000, 640, 480, 6);
   CornerChooser chooser;
   std::vector<Corner> even, both;
   chooser.spread(corners, 150, 1.0F, even);

@@ -22,8 +22,7 @@ namespace {
 using testing::noise;
 using testing::same_bytes;
 using testing::texture;
-
-GrayView view(const cv::Mat& image) { return as_view<const std::uint8_t>(image); }
+using testing::view;
 
 struct Features {
   std::vector<cv::KeyPoint> keypoints;

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <limits>
 #include <random>
 #include <string>
 #include <vector>
@@ -10,7 +11,17 @@
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
 
+#include "dynslam/core/image_view.hpp"
+#include "dynslam/core/opencv.hpp"
+
 namespace dynslam::features::testing {
+
+inline constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
+inline constexpr float kInfinity = std::numeric_limits<float>::infinity();
+
+inline DescriptorsView view(const cv::Mat& descriptors) {
+  return as_view<const std::uint8_t>(descriptors);
+}
 
 /// Whole number in [low, high], the same with every standard library.
 inline int uniform(std::mt19937& random, int low, int high) {

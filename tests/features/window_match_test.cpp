@@ -14,15 +14,11 @@
 namespace dynslam::features {
 namespace {
 
+using testing::kInfinity;
+using testing::kNan;
 using testing::noise;
 using testing::uniform;
-
-constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
-constexpr float kInfinity = std::numeric_limits<float>::infinity();
-
-DescriptorsView view(const cv::Mat& descriptors) {
-  return as_view<const std::uint8_t>(descriptors);
-}
+using testing::view;
 
 /// A frame and predictions for it, owned.
 struct Scene {

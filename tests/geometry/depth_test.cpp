@@ -12,7 +12,7 @@
 namespace dynslam::geometry {
 namespace {
 
-constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
+using synthetic::kNaN;
 
 TEST(DepthCells, HoldNearestAndFarthestOfCellAndNeighbours) {
   const PinholeCamera camera{100, 100, 10, 6, 22, 13};

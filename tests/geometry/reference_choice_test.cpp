@@ -8,10 +8,12 @@
 
 #include "dynslam/core/errors.hpp"
 
+#include "geometry/synthetic.hpp"
+
 namespace dynslam::geometry {
 namespace {
 
-const PinholeCamera kCamera{525.0, 525.0, 319.5, 239.5, 640, 480};
+using synthetic::kCamera;
 
 TEST(ReferenceChoice, RanksKeyframesBySharedPoints) {
   const std::map<std::uint64_t, std::vector<std::uint64_t>> observers{

@@ -7,10 +7,12 @@
 
 #include <gtest/gtest.h>
 
+#include "geometry/synthetic.hpp"
+
 namespace dynslam::geometry {
 namespace {
 
-const PinholeCamera kCamera{525.0, 525.0, 319.5, 239.5, 640, 480};
+using synthetic::kCamera;
 
 /// Points of a background and of movers, seen from a known pose.
 struct World {

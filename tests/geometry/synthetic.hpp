@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <limits>
 #include <vector>
 
 #include "dynslam/core/camera.hpp"
@@ -9,6 +10,7 @@
 
 namespace dynslam::geometry::synthetic {
 
+inline constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 inline const PinholeCamera kCamera{525.0, 525.0, 319.5, 239.5, 640, 480};
 
 struct Box {

@@ -6,12 +6,13 @@
 
 #include <gtest/gtest.h>
 
+#include "geometry/synthetic.hpp"
+
 namespace dynslam::geometry {
 namespace {
 
-constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
-
-const PinholeCamera kCamera{525.0, 525.0, 319.5, 239.5, 640, 480};
+using synthetic::kCamera;
+using synthetic::kNaN;
 
 struct Pixel {
   float x, y;

@@ -90,30 +90,30 @@ std::string yaml(
 const char kNodes[] =
     "      - { nodeId:1, parentId:0, weight:0.5,\n          descriptor:\"7 8 \" }\n"
     "      - { nodeId:2, parentId:0, weight:1., descriptor:\"9 200\" }\n";
-const char kWords[] = "      - { wordId:0, nodeId:1 }\n      - { wordId:1, nodeId:2 }\n";
+const char kTwoWords[] = "      - { wordId:0, nodeId:1 }\n      - { wordId:1, nodeId:2 }\n";
 
 TEST(DbowYaml, ReadsTheThreeWaysToWriteADescriptor) {
-  EXPECT_EQ(vocabulary_of_text(yaml(kNodes, kWords), ".yml").descriptor_bytes(), 2);
+  EXPECT_EQ(vocabulary_of_text(yaml(kNodes, kTwoWords), ".yml").descriptor_bytes(), 2);
   const std::string counted =
       "      - { nodeId:1, parentId:0, weight:0.5, descriptor:\"0 2 7 8\" }\n"
       "      - { nodeId:2, parentId:0, weight:1., descriptor:\"0 2 9 200\" }\n";
-  EXPECT_EQ(vocabulary_of_text(yaml(counted, kWords), ".yml").descriptor_bytes(), 2);
+  EXPECT_EQ(vocabulary_of_text(yaml(counted, kTwoWords), ".yml").descriptor_bytes(), 2);
   const std::string marked =
       "      - { nodeId:1, parentId:0, weight:0.5, descriptor:dbw3 0 2 7 8  }\n"
       "      - { nodeId:2, parentId:0, weight:1., descriptor:\"dbw3 0 2 9 200\" }\n";
-  EXPECT_EQ(vocabulary_of_text(yaml(marked, kWords), ".yml").descriptor_bytes(), 2);
+  EXPECT_EQ(vocabulary_of_text(yaml(marked, kTwoWords), ".yml").descriptor_bytes(), 2);
   // Bytes that look like a count, in one of two descriptors.
   const std::string like =
       "      - { nodeId:1, parentId:0, weight:0.5, descriptor:\"0 2 7 8\" }\n"
       "      - { nodeId:2, parentId:0, weight:1., descriptor:\"1 2 9 200\" }\n";
-  EXPECT_EQ(vocabulary_of_text(yaml(like, kWords), ".yml").descriptor_bytes(), 4);
+  EXPECT_EQ(vocabulary_of_text(yaml(like, kTwoWords), ".yml").descriptor_bytes(), 4);
 }
 
 TEST(DbowYaml, NamesTheLineAndWhatIsWrongThere) {
   const auto node = [](const std::string& text) { return "      - { " + text + " }\n"; };
   const std::string good = node("nodeId:1, parentId:0, weight:0.5, descriptor:\"7 8\"");
   const auto with_node = [&](const std::string& text, const std::string& message) {
-    expect_error(yaml(good + node(text), kWords), message, ".yml");
+    expect_error(yaml(good + node(text), kTwoWords), message, ".yml");
   };
   with_node("nodeId:0, parentId:0, weight:1., descriptor:\"7 8\"", "nodeId is \"0\"");
   with_node("nodeId:1, parentId:0, weight:1., descriptor:\"7 8\"", "node 1 a second time");
@@ -130,13 +130,14 @@ TEST(DbowYaml, NamesTheLineAndWhatIsWrongThere) {
   with_node("nodeId:2, parentId:0, weight:1., colour:3", "unknown key \"colour\"");
   expect_error(yaml(kNodes, "      - { wordId:0, nodeId:9 }\n"), "node 9 of 3", ".yml");
   expect_error(yaml(kNodes, "      - { wordId:0 }\n"), "without wordId or nodeId", ".yml");
-  expect_error(yaml(kNodes, std::string(kWords) + "      - { wordId:2, nodeId:2 }\n"),
+  expect_error(yaml(kNodes, std::string(kTwoWords) + "      - { wordId:2, nodeId:2 }\n"),
                "node 2 is word 1 and word 2", ".yml");
   expect_error(yaml(kNodes, ""), "is no word and has no children", ".yml");
-  expect_error(yaml(kNodes, kWords, "k: 2\n   L: 1\n   scoringType: 0\n"), "weightingType", ".yml");
-  expect_error(yaml(kNodes, kWords, "k: 2\n   k: 2\n"), "a second time", ".yml");
-  expect_error(yaml(kNodes, kWords, "k: 99999999\n"), "k is", ".yml");
-  expect_error(yaml(kNodes, kWords, "depth: 3\n"), "unknown key \"depth\"", ".yml");
+  expect_error(yaml(kNodes, kTwoWords, "k: 2\n   L: 1\n   scoringType: 0\n"), "weightingType",
+               ".yml");
+  expect_error(yaml(kNodes, kTwoWords, "k: 2\n   k: 2\n"), "a second time", ".yml");
+  expect_error(yaml(kNodes, kTwoWords, "k: 99999999\n"), "k is", ".yml");
+  expect_error(yaml(kNodes, kTwoWords, "depth: 3\n"), "unknown key \"depth\"", ".yml");
   expect_error("%YAML:1.0\n---\nbook: 3\n", "expected \"vocabulary\"", ".yml");
   expect_error("%YAML:1.0\n---\nvocabulary:\n   words:\n", "words before nodes", ".yml");
   expect_error(

@@ -13,13 +13,13 @@
 namespace dynslam::loop {
 namespace {
 
-constexpr std::size_t kWords = 1000;
+constexpr std::size_t kAllWords = 1000;
 
 // Image of place p on a walk past places: it shares words with its two neighbours on both sides.
 BowVector place(std::size_t p) {
   BowVector bow;
   for (std::size_t i = 0; i < 30; ++i)
-    bow.push_back(static_cast<WordId>((10 * p + i) % kWords), 1.0);
+    bow.push_back(static_cast<WordId>((10 * p + i) % kAllWords), 1.0);
   bow.normalize(Norm::kL1);
   return bow;
 }
@@ -51,7 +51,7 @@ LoopDetectorOptions quick() {
 /// A walk past places 0, 1, 2, ...; ids are 100 plus the number of the step.
 struct Walk {
   explicit Walk(const LoopDetectorOptions& options, NeighboursOf neighbours = {})
-      : detector(Database(kWords), options, std::move(neighbours)) {}
+      : detector(Database(kAllWords), options, std::move(neighbours)) {}
 
   LoopResult step(const BowVector& bow, const VerifyLoop& verify = {}) {
     LoopQuery query;
@@ -313,7 +313,7 @@ TEST(LoopDetector, GroupsByCovisibilityWhereAskedTo) {
 }
 
 TEST(LoopDetector, StartsWithWhatADatabaseHolds) {
-  Database database(kWords);
+  Database database(kAllWords);
   for (std::size_t p = 0; p < 40; ++p) database.add(100 + p, place(p));
   LoopDetectorOptions options = quick();
   options.normalization = Normalization::kNone;
