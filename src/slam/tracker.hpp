@@ -22,6 +22,9 @@
 
 namespace dynslam::slam {
 
+constexpr double kGuessTranslation = 0.02;  // metres that the velocity may be off
+constexpr double kGuessRotation = 0.02;     // radians
+
 /// Milliseconds by stage, summed over a frame.
 struct TrackerTimes {
   double match = 0.0;
@@ -141,6 +144,8 @@ class Tracker {
                const std::optional<factors::PosePrior>& prior);
   /// What the motion so far and the alignment of surfaces say of the pose together.
   std::optional<factors::PosePrior> expected_motion();
+  /// The frame has the pose that was optimized last: a step of the motion so far.
+  void remember_motion(const TrackedFrame& frame);
 
   DepthCamera camera_;
   TrackingOptions options_;
