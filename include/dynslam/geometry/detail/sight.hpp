@@ -26,32 +26,23 @@ struct SightTally {
   int through = 0, seen = 0, hidden = 0, edge = 0, hole = 0;
 
   void add(const SightResult& result, float dynamic_evidence, float static_evidence) {
-    switch (result.sight) {
-      case Sight::kThrough:
-        ++through;
-        gap += result.gap;
-        log_odds += dynamic_evidence * std::min(1.0F, 0.5F + 0.5F * result.excess);
-        break;
-      case Sight::kSeen:
-        ++seen;
-        gap += result.gap;
-        log_odds -= static_evidence;
-        break;
-      case Sight::kMover:
-        ++seen;
-        log_odds -= kMoverShare * static_evidence;
-        break;
-      case Sight::kHidden:
-        ++hidden;
-        break;
-      case Sight::kEdge:
-        ++edge;
-        break;
-      case Sight::kHole:
-        ++hole;
-        break;
-      case Sight::kOutside:
-        break;
+    if (result.sight == Sight::kSeen) {  // by far the most frequent
+      ++seen;
+      gap += result.gap;
+      log_odds -= static_evidence;
+    } else if (result.sight == Sight::kHidden) {
+      ++hidden;
+    } else if (result.sight == Sight::kThrough) {
+      ++through;
+      gap += result.gap;
+      log_odds += dynamic_evidence * std::min(1.0F, 0.5F + 0.5F * result.excess);
+    } else if (result.sight == Sight::kMover) {
+      ++seen;
+      log_odds -= kMoverShare * static_evidence;
+    } else if (result.sight == Sight::kEdge) {
+      ++edge;
+    } else if (result.sight == Sight::kHole) {
+      ++hole;
     }
   }
   Verdict verdict(float decision) const {
