@@ -87,20 +87,31 @@ inline std::uint8_t voted_label(ImageView<const float> depth, ImageView<const st
   constexpr int kSteps[8][2] = {{1, 0}, {-1, 0},  {0, 1},  {0, -1},
                                 {1, 1}, {-1, -1}, {1, -1}, {-1, 1}};
   const int rooms[2][3] = {{x, kReach, depth.width - 1 - x}, {y, kReach, depth.height - 1 - y}};
-  float dynamic = 0.0F, total = 0.0F;
+  struct Voter {
+    int x, y, away;
+  } voters[8];
+  int count = 0, moving = 0;
   for (const auto& step : kSteps) {
     const int reach = std::min({kReach, rooms[0][step[0] + 1], rooms[1][step[1] + 1]});
     for (int i = 1; i <= reach; ++i) {
       const int u = x + i * step[0], v = y + i * step[1];
       if (!has_depth(depth(u, v))) continue;
-      const float unlike = static_cast<float>(std::abs(guide(u, v) - guide(x, y))) / kLikeness;
-      const float vote = 1.0F / ((1.0F + unlike * unlike) * static_cast<float>(1 + i));
-      total += vote;
-      dynamic += mask(u, v) != 0 ? vote : 0.0F;
+      voters[count++] = {u, v, i};
+      moving += mask(u, v) >> 7;
       break;
     }
   }
-  if (total == 0.0F) return fallback;
+  if (count == 0) return fallback;
+  if (moving == 0 || moving == count) return moving == 0 ? 0 : 255;  // no need to weigh votes
+  float dynamic = 0.0F, total = 0.0F;
+  for (int i = 0; i < count; ++i) {
+    const Voter& voter = voters[i];
+    const int difference = std::abs(guide(voter.x, voter.y) - guide(x, y));
+    const float unlike = static_cast<float>(difference) / kLikeness;
+    const float vote = 1.0F / ((1.0F + unlike * unlike) * static_cast<float>(1 + voter.away));
+    total += vote;
+    dynamic += mask(voter.x, voter.y) != 0 ? vote : 0.0F;
+  }
   return 2.0F * dynamic > total ? 255 : 0;
 }
 
