@@ -23,6 +23,8 @@ struct Round {
   double gate;  // metres
   int iterations;
 };
+// Metres and radians a step: below, partners only change places.
+constexpr double kConverged = 1e-4;
 constexpr Round kRounds[] = {{0.30, 6}, {0.12, 6}, {0.05, 8}};
 
 bool has_normal(const Eigen::Vector3f& normal) { return normal.squaredNorm() > 0.5F; }
@@ -226,7 +228,7 @@ std::optional<SurfaceAlignment> align_surfaces(const SurfaceGrid& from, const Su
       const Vector6d step = -last.H.ldlt().solve(last.b);
       if (!step.allFinite()) return std::nullopt;
       result.T_from_to = (se3_exp(step) * result.T_from_to).normalized();
-      if (step.norm() < 1e-5) break;
+      if (step.norm() < kConverged) break;
     }
   }
   // Where the fit is worse than its noise, it is as much less certain.
