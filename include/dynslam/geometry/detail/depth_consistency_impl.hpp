@@ -68,6 +68,8 @@ struct MarginModel {
     const float s = a + b * (z - c) * (z - c);
     return s * s;
   }
+  /// What no margin at this depth is less than.
+  float least_margin(float z_now) const { return floor + relative * z_now; }
   float margin(float z_now, float z_seen) const {
     return k * std::sqrt(sigma2(z_now) + sigma2(z_seen) + pose2) + floor + relative * z_now;
   }
@@ -120,12 +122,13 @@ inline SightResult look(const Eigen::Vector3f& P, float z_now, const Outlook& ce
   const Sight seen = farthest - nearest > model.spread * nearest ? Sight::kEdge
                      : mover                                     ? Sight::kMover
                                                                  : Sight::kSeen;
-  if (before <= 0.0F && behind <= 0.0F) return {seen};
+  const float away = std::max(before, behind);
+  if (away <= model.least_margin(z_now)) return {seen, 0.0F, std::max(0.0F, away)};
   const float margin = model.margin(z_now, before > 0.0F ? nearest : farthest);
   if (before > margin && (mover || P.z() < model.min_range)) return {Sight::kHidden};
   if (before > margin) return {Sight::kThrough, before / margin - 1.0F, before};
   if (behind > margin) return {Sight::kHidden, 0.0F, behind};
-  return {seen, 0.0F, std::max(before, behind)};
+  return {seen, 0.0F, away};
 }
 
 /// Depth of a pixel if its neighbours support it, else 0 (a flying pixel, or none).

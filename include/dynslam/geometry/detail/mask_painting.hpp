@@ -90,16 +90,17 @@ inline std::uint8_t voted_label(ImageView<const float> depth, ImageView<const st
   struct Voter {
     int x, y, away;
   } voters[8];
+  const std::ptrdiff_t pitch = depth.stride_bytes / static_cast<std::ptrdiff_t>(sizeof(float));
   int count = 0, moving = 0;
   for (const auto& step : kSteps) {
     const int reach = std::min({kReach, rooms[0][step[0] + 1], rooms[1][step[1] + 1]});
-    for (int i = 1; i <= reach; ++i) {
-      const int u = x + i * step[0], v = y + i * step[1];
-      if (!has_depth(depth(u, v))) continue;
-      voters[count++] = {u, v, i};
-      moving += mask(u, v) >> 7;
-      break;
-    }
+    const std::ptrdiff_t next = step[1] * pitch + step[0];
+    const float* z = &depth(x, y);
+    int i = 1;
+    while (i <= reach && !has_depth(z[i * next])) ++i;
+    if (i > reach) continue;
+    voters[count++] = {x + i * step[0], y + i * step[1], i};
+    moving += mask(x + i * step[0], y + i * step[1]) >> 7;
   }
   if (count == 0) return fallback;
   if (moving == 0 || moving == count) return moving == 0 ? 0 : 255;  // no need to weigh votes
