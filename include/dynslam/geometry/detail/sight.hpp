@@ -10,10 +10,15 @@ namespace dynslam::geometry::detail {
 /// What one reference says of a point.
 enum class Sight { kOutside, kHole, kEdge, kHidden, kSeen, kMover, kThrough };
 
+/// The numbers come first so that they travel in one register: split, each look-up waits for what
+/// it has just stored.
 struct SightResult {
-  Sight sight = Sight::kOutside;
-  float excess = 0.0F;  ///< kThrough: how far in front, in margins beyond the margin
-  float gap = 0.0F;     ///< metres between the point and what the reference saw
+  float excess;  ///< kThrough: how far in front, in margins beyond the margin
+  float gap;     ///< metres between the point and what the reference saw
+  Sight sight;
+
+  SightResult(Sight sight_ = Sight::kOutside, float excess_ = 0.0F, float gap_ = 0.0F)
+      : excess(excess_), gap(gap_), sight(sight_) {}
 };
 
 /// Share of a static vote that agreement with a former mover is worth.
