@@ -23,7 +23,11 @@ struct Round {
   double gate;  // metres
   int iterations;
 };
+// Metres and radians a step: below, partners only change places.
+constexpr double kConverged = 1e-4;
 constexpr Round kRounds[] = {{0.30, 6}, {0.12, 6}, {0.05, 8}};
+
+bool has_normal(const Eigen::Vector3f& normal) { return normal.squaredNorm() > 0.5F; }
 
 float noise(float z) { return 0.0012F + 0.0019F * (z - 0.4F) * (z - 0.4F); }
 
@@ -90,13 +94,16 @@ void add_brightness(const SurfaceGrid& from, const SurfaceGrid& to, std::size_t 
 
 void accumulate(const SurfaceGrid& from, const SurfaceGrid& to, const PinholeCamera& camera,
                 const RigidTransform& T, double gate, const AlignmentOptions& options,
-                NormalEquations& sum) {
+                NormalEquations& total) {
+  const Eigen::Matrix3d R = T.R;
+  const Eigen::Vector3d t = T.t;
+  NormalEquations sum;  // nobody else's, so that it need not be read again after each write
   const bool brightness = options.use_brightness && !from.gray.empty() && !to.gray.empty();
   for (int row = 0; row < to.height; row += options.step) {
     for (int column = 0; column < to.width; column += options.step) {
       const auto i = static_cast<std::size_t>(row * to.width + column);
-      if (to.normals[i].isZero()) continue;
-      const Eigen::Vector3d p = T * to.points[i].cast<double>();
+      if (!has_normal(to.normals[i])) continue;
+      const Eigen::Vector3d p = R * to.points[i].cast<double>() + t;
       if (p.z() <= kMinDepth) continue;
       const Eigen::Vector2d pixel = camera.project(p);
       if (!camera.contains(pixel)) continue;
@@ -104,10 +111,11 @@ void accumulate(const SurfaceGrid& from, const SurfaceGrid& to, const PinholeCam
       const int x = std::min(static_cast<int>(pixel.x()) / kCell, from.width - 1);
       const int y = std::min(static_cast<int>(pixel.y()) / kCell, from.height - 1);
       const auto j = static_cast<std::size_t>(y * from.width + x);
-      if (from.normals[j].isZero()) continue;
+      if (!has_normal(from.normals[j])) continue;
       const Eigen::Vector3d n = from.normals[j].cast<double>();
       const Eigen::Vector3d gap = p - from.points[j].cast<double>();
-      if (gap.norm() > gate || n.dot(T.R * to.normals[i].cast<double>()) < kMinCosine) continue;
+      if (gap.squaredNorm() > gate * gate) continue;
+      if (n.dot(R * to.normals[i].cast<double>()) < kMinCosine) continue;
       const double trust = from.trust.empty() ? 1.0 : from.trust.at<float>(y, x);
       if (trust <= 0.0) continue;
       const double r = n.dot(gap);
@@ -119,6 +127,7 @@ void accumulate(const SurfaceGrid& from, const SurfaceGrid& to, const PinholeCam
       ++sum.partners;
     }
   }
+  total = sum;
 }
 
 // Whether the planes that were met hold the motion in every direction. Rotations are compared with
@@ -135,7 +144,7 @@ double mean_distance(const SurfaceGrid& grid) {
   double sum = 0.0;
   int count = 0;
   for (std::size_t i = 0; i < grid.points.size(); ++i) {
-    if (grid.normals[i].isZero()) continue;
+    if (!has_normal(grid.normals[i])) continue;
     sum += grid.points[i].z();
     ++count;
   }
@@ -143,13 +152,13 @@ double mean_distance(const SurfaceGrid& grid) {
 }
 
 // Mean of the middle pixels of a cell, if they are one surface.
-bool cell_point(const cv::Mat& depth, int x, int y, const PinholeCamera& camera,
-                Eigen::Vector3f& point) {
+Eigen::Vector3f cell_point(const cv::Mat& depth, int x, int y, const PinholeCamera& camera) {
   float sum = 0.0F, nearest = 1e9F, farthest = 0.0F;
   int count = 0;
   for (int v = kCell * y + 1; v <= kCell * y + 2; ++v) {
+    const float* row = depth.ptr<float>(v);
     for (int u = kCell * x + 1; u <= kCell * x + 2; ++u) {
-      const float z = depth.at<float>(v, u);
+      const float z = row[u];
       if (!(z > 0.0F)) continue;
       sum += z;
       nearest = std::min(nearest, z);
@@ -157,10 +166,9 @@ bool cell_point(const cv::Mat& depth, int x, int y, const PinholeCamera& camera,
       ++count;
     }
   }
-  if (count < 3 || farthest - nearest > kJump * nearest) return false;
+  if (count < 3 || farthest - nearest > kJump * nearest) return Eigen::Vector3f::Zero();
   const Eigen::Vector2d centre(kCell * x + 1.5, kCell * y + 1.5);
-  point = camera.unproject(centre, sum / static_cast<float>(count)).cast<float>();
-  return true;
+  return camera.unproject(centre, sum / static_cast<float>(count)).cast<float>();
 }
 
 // Adds the certainty of the guess: xi is the left perturbation from it.
@@ -177,25 +185,23 @@ void build_surface_grid(const cv::Mat& depth, const cv::Mat& gray_cells,
   grid.width = depth.cols / kCell;
   grid.height = depth.rows / kCell;
   const auto cells = static_cast<std::size_t>(grid.width) * static_cast<std::size_t>(grid.height);
-  grid.points.assign(cells, Eigen::Vector3f::Zero());
-  grid.normals.assign(cells, Eigen::Vector3f::Zero());
+  grid.points.resize(cells);
+  grid.normals.resize(cells);
   grid.trust.release();
   if (gray_cells.empty()) {
     grid.gray.release();
   } else {
     gray_cells.convertTo(grid.gray, CV_32F);
   }
+  const auto pitch = static_cast<std::size_t>(grid.width);
   for (int y = 0; y < grid.height; ++y) {
-    for (int x = 0; x < grid.width; ++x) {
-      cell_point(depth, x, y, camera, grid.points[static_cast<std::size_t>(y * grid.width + x)]);
-    }
+    Eigen::Vector3f* points = grid.points.data() + static_cast<std::size_t>(y) * pitch;
+    for (int x = 0; x < grid.width; ++x) points[x] = cell_point(depth, x, y, camera);
   }
-  for (int y = 0; y + 1 < grid.height; ++y) {
-    for (int x = 0; x + 1 < grid.width; ++x) {
-      const auto i = static_cast<std::size_t>(y * grid.width + x);
-      grid.normals[i] = normal_of(grid.points[i], grid.points[i + 1],
-                                  grid.points[i + static_cast<std::size_t>(grid.width)]);
-    }
+  for (std::size_t i = 0; i < cells; ++i) {
+    const bool last = (i + 1) % pitch == 0 || i + pitch >= cells;  // in its row or column
+    grid.normals[i] = last ? Eigen::Vector3f(Eigen::Vector3f::Zero())
+                           : normal_of(grid.points[i], grid.points[i + 1], grid.points[i + pitch]);
   }
 }
 
@@ -212,7 +218,6 @@ std::optional<SurfaceAlignment> align_surfaces(const SurfaceGrid& from, const Su
   for (const Round& round : kRounds) {
     if (round.gate > options.first_gate || round.gate < options.last_gate) continue;
     for (int i = 0; i < round.iterations; ++i) {
-      last = {};
       accumulate(from, to, camera, result.T_from_to, round.gate, options, last);
       if (last.partners < min_partners) return std::nullopt;
       if (options.guess_information) {
@@ -223,7 +228,7 @@ std::optional<SurfaceAlignment> align_surfaces(const SurfaceGrid& from, const Su
       const Vector6d step = -last.H.ldlt().solve(last.b);
       if (!step.allFinite()) return std::nullopt;
       result.T_from_to = (se3_exp(step) * result.T_from_to).normalized();
-      if (step.norm() < 1e-5) break;
+      if (step.norm() < kConverged) break;
     }
   }
   // Where the fit is worse than its noise, it is as much less certain.

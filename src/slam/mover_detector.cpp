@@ -130,9 +130,11 @@ cv::Mat MoverDetector::trust() const {
   for (int y = 0; y < trust.rows; ++y) {
     const std::uint8_t* mask = mask_.ptr(y * evidence_.stride + evidence_.stride / 2);
     const float* odds = &evidence_.log_odds[static_cast<std::size_t>(y * evidence_.width)];
+    float* row = trust.ptr<float>(y);
     for (int x = 0; x < trust.cols; ++x) {
       const bool moves = mask[x * evidence_.stride + evidence_.stride / 2] != 0;
-      trust.at<float>(y, x) = moves ? 0.0F : std::max(kLeastTrust, std::tanh(-0.5F * odds[x]));
+      const float known = odds[x] < 0.0F ? std::tanh(-0.5F * odds[x]) : 0.0F;
+      row[x] = moves ? 0.0F : std::max(kLeastTrust, known);
     }
   }
   return trust;

@@ -271,4 +271,16 @@ TEST(DepthConsistency, RefusesEachInvalidOption) {
 }
 
 }  // namespace
+TEST(Outlook, FindsTheCellOfEveryPixelWithoutADivision) {
+  DepthCells cells;
+  for (cells.cell = 1; cells.cell <= 64; ++cells.cell) {
+    const detail::Outlook outlook(cells);
+    for (int pixel = 0; pixel < 65536; ++pixel) {
+      ASSERT_EQ(outlook.cell_of(static_cast<float>(pixel)),
+                static_cast<std::size_t>(pixel / cells.cell))
+          << pixel << " / " << cells.cell;
+    }
+  }
+}
+
 }  // namespace dynslam::geometry

@@ -36,7 +36,7 @@ struct RegionGrowOptions {
 struct RegionGrowWorkspace {
   std::vector<float> sum, weight, gain, right, down;
   std::vector<std::uint8_t> label, line;
-  std::vector<int> region, queue, strays;
+  std::vector<int> region, queue, borders, strays;
 };
 
 /// Fills the mask of what moves (255) from cell evidence and, optionally, feature verdicts.

@@ -99,7 +99,7 @@ inline Reason arbitrate_depth(const Sighting& s, const ReferenceView& reference,
   if (reference.cells == nullptr || reference.cells->empty()) return Reason::kDepthViolated;
   const Eigen::Vector3d X = s.z2 * s.f2;
   const Eigen::Vector3d P = reference.T_cur_ref.R.transpose() * (X - reference.T_cur_ref.t);
-  switch (look(P.cast<float>(), static_cast<float>(s.z2), *reference.cells, model).sight) {
+  switch (look(P.cast<float>(), static_cast<float>(s.z2), Outlook(*reference.cells), model).sight) {
     case Sight::kThrough:
       return Reason::kFreeSpaceViolated;
     case Sight::kHidden:

@@ -28,10 +28,11 @@ inline DepthBlock summarize_block(ImageView<const float> depth, MaskView mask, i
     const float* row = depth.row(y);
     const std::uint8_t* hidden = mask.data != nullptr ? mask.row(y) : nullptr;
     for (int x = x0; x < x1; ++x) {
-      if (!has_depth(row[x])) continue;
-      if (hidden != nullptr && hidden[x] != 0) ++block.movers;
-      block.nearest = std::min(block.nearest, row[x]);
-      block.farthest = std::max(block.farthest, row[x]);
+      const float z = row[x];
+      if (!has_depth(z)) continue;
+      block.movers += hidden != nullptr && hidden[x] != 0;
+      block.nearest = std::min(block.nearest, z);
+      block.farthest = std::max(block.farthest, z);
       ++block.count;
     }
   }
@@ -41,12 +42,21 @@ inline DepthBlock summarize_block(ImageView<const float> depth, MaskView mask, i
 /// Blocks of three rows joined with their left and right neighbours.
 inline void write_cell_row(const DepthBlock* const rows[3], int needed, int width, std::size_t at,
                            DepthCells& out) {
-  for (int x = 0; x < width; ++x) {
+  const auto join_rows = [&](int x) {
     DepthBlock sum;
     for (int r = 0; r < 3; ++r) {
-      if (rows[r] == nullptr) continue;
-      for (int i = std::max(0, x - 1); i <= std::min(width - 1, x + 1); ++i) sum.add(rows[r][i]);
+      if (rows[r] != nullptr && x < width) sum.add(rows[r][x]);
     }
+    return sum;
+  };
+  DepthBlock left, here = join_rows(0);
+  for (int x = 0; x < width; ++x) {
+    const DepthBlock right = join_rows(x + 1);
+    DepthBlock sum = here;
+    sum.add(left);
+    sum.add(right);
+    left = here;
+    here = right;
     const bool known = sum.count >= needed;
     const std::size_t i = at + static_cast<std::size_t>(x);
     out.near_depth[i] = known ? sum.nearest : 0.0F;

@@ -68,43 +68,67 @@ struct MarginModel {
     const float s = a + b * (z - c) * (z - c);
     return s * s;
   }
+  /// What no margin at this depth is less than.
+  float least_margin(float z_now) const { return floor + relative * z_now; }
   float margin(float z_now, float z_seen) const {
     return k * std::sqrt(sigma2(z_now) + sigma2(z_seen) + pose2) + floor + relative * z_now;
   }
 };
 
+/// Cells of a reference with what a look-up needs of its camera, prepared once per call.
+struct Outlook {
+  float fx, fy, cx, cy, width, height;  ///< pixels; a pixel's corner, not its centre, is whole
+  std::uint32_t per_cell;               ///< 2^22 / cell, rounded up
+  int pitch;                            ///< cells a row
+  const float* near_depth;
+  const float* far_depth;
+  const std::uint8_t* mover;
+
+  explicit Outlook(const DepthCells& cells)
+      : fx(static_cast<float>(cells.camera.fx)),
+        fy(static_cast<float>(cells.camera.fy)),
+        cx(static_cast<float>(cells.camera.cx)),
+        cy(static_cast<float>(cells.camera.cy)),
+        width(static_cast<float>(cells.camera.width)),
+        height(static_cast<float>(cells.camera.height)),
+        per_cell(((1U << 22) + static_cast<std::uint32_t>(cells.cell) - 1) /
+                 static_cast<std::uint32_t>(cells.cell)),
+        pitch(cells.width),
+        near_depth(cells.near_depth.data()),
+        far_depth(cells.far_depth.data()),
+        mover(cells.mover.data()) {}
+
+  /// Cell of a pixel coordinate: its whole part divided by the cell's size. Exact for cells of up
+  /// to 64 and images of up to 65536 pixels a side.
+  std::size_t cell_of(float pixel) const {
+    return static_cast<std::uint64_t>(static_cast<std::uint32_t>(pixel)) * per_cell >> 22;
+  }
+};
+
 /// Looks up a point given in the reference's camera coordinates; `z_now` is its depth in the
 /// current camera, of which the noise is a function.
-inline SightResult look(const Eigen::Vector3f& P, float z_now, const DepthCells& cells,
+inline SightResult look(const Eigen::Vector3f& P, float z_now, const Outlook& cells,
                         const MarginModel& model) {
   if (!(P.z() > static_cast<float>(kMinDepth))) return {};
   const float inv = 1.0F / P.z();
-  const float u = static_cast<float>(cells.camera.fx) * P.x() * inv +
-                  static_cast<float>(cells.camera.cx) + 0.5F;
-  const float v = static_cast<float>(cells.camera.fy) * P.y() * inv +
-                  static_cast<float>(cells.camera.cy) + 0.5F;
-  if (!(u >= 0.0F && v >= 0.0F && u < static_cast<float>(cells.camera.width) &&
-        v < static_cast<float>(cells.camera.height))) {
-    return {};
-  }
-  const int at =
-      (static_cast<int>(v) / cells.cell) * cells.width + static_cast<int>(u) / cells.cell;
-  const bool mover = cells.mover[static_cast<std::size_t>(at)] != 0;
-  const float nearest = cells.near_depth[static_cast<std::size_t>(at)];
-  const float farthest = cells.far_depth[static_cast<std::size_t>(at)];
+  const float u = cells.fx * P.x() * inv + cells.cx + 0.5F;
+  const float v = cells.fy * P.y() * inv + cells.cy + 0.5F;
+  if (!(u >= 0.0F && v >= 0.0F && u < cells.width && v < cells.height)) return {};
+  const std::size_t at = cells.cell_of(v) * cells.pitch + cells.cell_of(u);
+  const float nearest = cells.near_depth[at], farthest = cells.far_depth[at];
   if (nearest <= 0.0F) return {Sight::kHole};
+  const bool mover = cells.mover[at] != 0;
   const float before = nearest - P.z(), behind = P.z() - farthest;
   const Sight seen = farthest - nearest > model.spread * nearest ? Sight::kEdge
                      : mover                                     ? Sight::kMover
                                                                  : Sight::kSeen;
-  if (before <= 0.0F && behind <= 0.0F) {
-    return {seen};
-  }
+  const float away = std::max(before, behind);
+  if (away <= model.least_margin(z_now)) return {seen, 0.0F, std::max(0.0F, away)};
   const float margin = model.margin(z_now, before > 0.0F ? nearest : farthest);
   if (before > margin && (mover || P.z() < model.min_range)) return {Sight::kHidden};
   if (before > margin) return {Sight::kThrough, before / margin - 1.0F, before};
   if (behind > margin) return {Sight::kHidden, 0.0F, behind};
-  return {seen, 0.0F, std::max(before, behind)};
+  return {seen, 0.0F, away};
 }
 
 /// Depth of a pixel if its neighbours support it, else 0 (a flying pixel, or none).
@@ -135,7 +159,7 @@ inline void gather_depth(ImageView<const float> depth, DepthEvidence& out) {
 
 /// One row of cells against one reference; the ray turned into the reference is linear in x.
 inline void tally_row(const DepthEvidence& out, int y, const PinholeCamera& camera,
-                      const RigidTransform& T_ref_cur, const DepthCells& cells,
+                      const RigidTransform& T_ref_cur, const Outlook& cells,
                       const MarginModel& model, float dynamic_evidence, float static_evidence,
                       SightTally* row) {
   const double half = out.stride / 2;
@@ -181,7 +205,7 @@ inline FeatureVerdict judge_one(const Eigen::Vector3d& X, Span<const DepthRefere
     if (!usable(reference)) continue;
     const Eigen::Vector3f P =
         (reference.T_cur_ref.R.transpose() * (X - reference.T_cur_ref.t)).cast<float>();
-    tally.add(look(P, static_cast<float>(X.z()), *reference.cells, model),
+    tally.add(look(P, static_cast<float>(X.z()), Outlook(*reference.cells), model),
               static_cast<float>(options.dynamic_evidence), static_vote(reference, options));
   }
   result.verdict = tally.verdict(static_cast<float>(options.decision));
@@ -223,7 +247,8 @@ inline void judge_depth(ImageView<const float> depth, const PinholeCamera& camer
     std::fill(out.row.begin(), out.row.end(), detail::SightTally());
     for (const DepthReference& reference : references) {
       if (!detail::usable(reference)) continue;
-      detail::tally_row(out, y, camera, reference.T_cur_ref.inverse(), *reference.cells, model,
+      detail::tally_row(out, y, camera, reference.T_cur_ref.inverse(),
+                        detail::Outlook(*reference.cells), model,
                         static_cast<float>(options.dynamic_evidence),
                         detail::static_vote(reference, options), out.row.data());
     }

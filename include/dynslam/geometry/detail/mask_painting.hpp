@@ -10,34 +10,58 @@
 
 namespace dynslam::geometry::detail {
 
-/// Label of the cell around (cx, cy) that is nearest in depth to z.
-inline std::uint8_t nearest_label(const DepthEvidence& e, const RegionGrowWorkspace& w, int cx,
-                                  int cy, float z) {
-  float best = 1e9F;
-  std::uint8_t label = w.label[static_cast<std::size_t>(cy) * e.width + cx];
-  for (int y = std::max(0, cy - 1); y <= std::min(e.height - 1, cy + 1); ++y) {
-    for (int x = std::max(0, cx - 1); x <= std::min(e.width - 1, cx + 1); ++x) {
-      const std::size_t i = static_cast<std::size_t>(y) * e.width + x;
-      if (e.depth[i] <= 0.0F) continue;
-      const float away = std::abs(e.depth[i] - z) + (x == cx && y == cy ? 0.0F : 0.01F);
-      if (away < best) {
-        best = away;
-        label = w.label[i];
+/// A cell and those around it that have depth.
+struct CellNeighbours {
+  float depth[9], farther[9];  ///< `farther`: metres by which a neighbour counts as farther away
+  std::uint8_t label[9];
+  int count = 0;
+
+  CellNeighbours(const DepthEvidence& e, const RegionGrowWorkspace& w, int cx, int cy) {
+    for (int y = std::max(0, cy - 1); y <= std::min(e.height - 1, cy + 1); ++y) {
+      for (int x = std::max(0, cx - 1); x <= std::min(e.width - 1, cx + 1); ++x) {
+        const std::size_t i = static_cast<std::size_t>(y) * e.width + x;
+        if (e.depth[i] <= 0.0F) continue;
+        depth[count] = e.depth[i];
+        farther[count] = x == cx && y == cy ? 0.0F : 0.01F;
+        label[count++] = w.label[i];
       }
     }
   }
-  return label;
-}
 
-/// Whether a cell and its neighbours agree, so that its pixels need no second look.
-inline bool uniform(const DepthEvidence& e, const RegionGrowWorkspace& w, int cx, int cy) {
-  const std::uint8_t label = w.label[static_cast<std::size_t>(cy) * e.width + cx];
-  for (int y = std::max(0, cy - 1); y <= std::min(e.height - 1, cy + 1); ++y) {
-    for (int x = std::max(0, cx - 1); x <= std::min(e.width - 1, cx + 1); ++x) {
-      if (w.label[static_cast<std::size_t>(y) * e.width + x] != label) return false;
+  /// Label of the one nearest in depth to z.
+  std::uint8_t nearest_label(float z, std::uint8_t fallback) const {
+    float best = 1e9F;
+    for (int i = 0; i < count; ++i) {
+      const float away = std::abs(depth[i] - z) + farther[i];
+      if (away < best) {
+        best = away;
+        fallback = label[i];
+      }
+    }
+    return fallback;
+  }
+};
+
+/// Lists the cells that do not agree with all their neighbours: only their pixels need a second
+/// look.
+inline void find_borders(const DepthEvidence& e, RegionGrowWorkspace& w) {
+  w.borders.clear();
+  w.line.resize(static_cast<std::size_t>(e.width));
+  for (int y = 0; y < e.height; ++y) {
+    const std::uint8_t* own = &w.label[static_cast<std::size_t>(y) * e.width];
+    const std::uint8_t* above = y > 0 ? own - e.width : own;
+    const std::uint8_t* below = y + 1 < e.height ? own + e.width : own;
+    for (int x = 0; x < e.width; ++x) {
+      w.line[static_cast<std::size_t>(x)] = (own[x] ^ above[x]) | (own[x] ^ below[x]);
+    }
+    for (int x = 0; x < e.width; ++x) {
+      const int left = std::max(0, x - 1), right = std::min(e.width - 1, x + 1);
+      const std::uint8_t* turns = w.line.data();  // above or below
+      if (turns[left] | turns[x] | turns[right] | (own[x] ^ own[left]) | (own[x] ^ own[right])) {
+        w.borders.push_back(y * e.width + x);
+      }
     }
   }
-  return true;
 }
 
 /// Pixels with depth around one without, on one side of a contour.
@@ -62,20 +86,33 @@ inline std::uint8_t voted_label(ImageView<const float> depth, ImageView<const st
   constexpr float kLikeness = 12.0F;  // grey levels
   constexpr int kSteps[8][2] = {{1, 0}, {-1, 0},  {0, 1},  {0, -1},
                                 {1, 1}, {-1, -1}, {1, -1}, {-1, 1}};
-  float dynamic = 0.0F, total = 0.0F;
+  const int rooms[2][3] = {{x, kReach, depth.width - 1 - x}, {y, kReach, depth.height - 1 - y}};
+  struct Voter {
+    int x, y, away;
+  } voters[8];
+  const std::ptrdiff_t pitch = depth.stride_bytes / static_cast<std::ptrdiff_t>(sizeof(float));
+  int count = 0, moving = 0;
   for (const auto& step : kSteps) {
-    for (int i = 1; i <= kReach; ++i) {
-      const int u = x + i * step[0], v = y + i * step[1];
-      if (!depth.contains(u, v)) break;
-      if (!has_depth(depth(u, v))) continue;
-      const float unlike = static_cast<float>(std::abs(guide(u, v) - guide(x, y))) / kLikeness;
-      const float vote = 1.0F / ((1.0F + unlike * unlike) * static_cast<float>(1 + i));
-      total += vote;
-      dynamic += mask(u, v) != 0 ? vote : 0.0F;
-      break;
-    }
+    const int reach = std::min({kReach, rooms[0][step[0] + 1], rooms[1][step[1] + 1]});
+    const std::ptrdiff_t next = step[1] * pitch + step[0];
+    const float* z = &depth(x, y);
+    int i = 1;
+    while (i <= reach && !has_depth(z[i * next])) ++i;
+    if (i > reach) continue;
+    voters[count++] = {x + i * step[0], y + i * step[1], i};
+    moving += mask(x + i * step[0], y + i * step[1]) >> 7;
   }
-  if (total == 0.0F) return fallback;
+  if (count == 0) return fallback;
+  if (moving == 0 || moving == count) return moving == 0 ? 0 : 255;  // no need to weigh votes
+  float dynamic = 0.0F, total = 0.0F;
+  for (int i = 0; i < count; ++i) {
+    const Voter& voter = voters[i];
+    const int difference = std::abs(guide(voter.x, voter.y) - guide(x, y));
+    const float unlike = static_cast<float>(difference) / kLikeness;
+    const float vote = 1.0F / ((1.0F + unlike * unlike) * static_cast<float>(1 + voter.away));
+    total += vote;
+    dynamic += mask(voter.x, voter.y) != 0 ? vote : 0.0F;
+  }
   return 2.0F * dynamic > total ? 255 : 0;
 }
 
@@ -121,10 +158,8 @@ template <typename Label>
 void settle_holes(ImageView<const float> depth, const DepthEvidence& e,
                   const RegionGrowWorkspace& w, ImageView<const std::uint8_t> guide,
                   const Label& label, ImageView<std::uint8_t> mask) {
-  for (int cy = 0; cy < e.height; ++cy) {
-    for (int cx = 0; cx < e.width; ++cx) {
-      if (!uniform(e, w, cx, cy)) settle_cell(depth, e.stride, cx, cy, guide, label, mask);
-    }
+  for (const int i : w.borders) {
+    settle_cell(depth, e.stride, i % e.width, i / e.width, guide, label, mask);
   }
   for (const int i : w.strays) {
     const int cx = i % e.width, cy = i / e.width;
@@ -136,24 +171,37 @@ void settle_holes(ImageView<const float> depth, const DepthEvidence& e,
   }
 }
 
+/// Gives all pixels the labels of their cells.
+inline void paint_cells(const DepthEvidence& e, const RegionGrowWorkspace& w,
+                        ImageView<std::uint8_t> mask) {
+  for (int cy = 0; cy < e.height; ++cy) {
+    const std::uint8_t* labels = &w.label[static_cast<std::size_t>(cy) * e.width];
+    std::uint8_t* first = mask.row(cy * e.stride);
+    for (int cx = 0; cx < e.width;) {  // runs of one label
+      const std::uint8_t label = labels[cx];
+      const int x0 = cx * e.stride;
+      while (cx < e.width && labels[cx] == label) ++cx;
+      std::fill(first + x0, first + std::min(cx * e.stride, mask.width), label);
+    }
+    for (int y = cy * e.stride + 1; y < std::min((cy + 1) * e.stride, mask.height); ++y) {
+      std::copy(first, first + mask.width, mask.row(y));
+    }
+  }
+}
+
 /// Brings the labels to the pixels: along the mask's border, those with depth take that of the cell
 /// nearest in depth.
 inline void paint(ImageView<const float> depth, const DepthEvidence& e,
                   const RegionGrowWorkspace& w, ImageView<std::uint8_t> mask) {
-  for (int cy = 0; cy < e.height; ++cy) {
-    const int y0 = cy * e.stride, y1 = std::min(y0 + e.stride, mask.height);
-    for (int cx = 0; cx < e.width; ++cx) {
-      const int x0 = cx * e.stride, x1 = std::min(x0 + e.stride, mask.width);
-      const std::uint8_t label = w.label[static_cast<std::size_t>(cy) * e.width + cx];
-      if (uniform(e, w, cx, cy)) {
-        for (int y = y0; y < y1; ++y) std::fill(mask.row(y) + x0, mask.row(y) + x1, label);
-        continue;
-      }
-      for (int y = y0; y < y1; ++y) {
-        for (int x = x0; x < x1; ++x) {
-          const float z = depth(x, y);
-          mask(x, y) = has_depth(z) ? nearest_label(e, w, cx, cy, z) : label;
-        }
+  paint_cells(e, w, mask);
+  for (const int i : w.borders) {
+    const int cx = i % e.width, cy = i / e.width;
+    const CellNeighbours around(e, w, cx, cy);
+    const std::uint8_t label = w.label[static_cast<std::size_t>(i)];
+    for (int y = cy * e.stride; y < std::min((cy + 1) * e.stride, mask.height); ++y) {
+      for (int x = cx * e.stride; x < std::min((cx + 1) * e.stride, mask.width); ++x) {
+        const float z = depth(x, y);
+        if (has_depth(z)) mask(x, y) = around.nearest_label(z, label);
       }
     }
   }

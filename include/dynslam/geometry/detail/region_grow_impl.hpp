@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <cstdint>
+#include <cstring>
 #include <string>
 
 #include "dynslam/core/errors.hpp"
@@ -31,16 +33,15 @@ inline void RegionGrowOptions::validate() const {
 
 namespace detail {
 
-/// Fills depth-connected regions that are mostly dynamic.
+/// Fills depth-connected regions that are mostly dynamic: such a region has a dynamic cell to start
+/// from.
 inline void fill_regions(const DepthEvidence& e, const RegionGrowOptions& o,
                          RegionGrowWorkspace& w) {
   const int cells = e.width * e.height;
   std::fill(w.region.begin(), w.region.end(), -1);
   for (int seed = 0; seed < cells; ++seed) {
-    if (w.region[static_cast<std::size_t>(seed)] >= 0 ||
-        e.depth[static_cast<std::size_t>(seed)] <= 0.0F) {
-      continue;
-    }
+    const std::size_t s = static_cast<std::size_t>(seed);
+    if (w.label[s] == 0 || w.region[s] >= 0 || e.depth[s] <= 0.0F) continue;
     flood(e, seed, seed, w, [](int, bool linked) { return linked; });
     int dynamic = 0, judged = 0;
     for (const int i : w.queue) {
@@ -48,7 +49,7 @@ inline void fill_regions(const DepthEvidence& e, const RegionGrowOptions& o,
       judged += w.weight[k] > kJudged ? 1 : 0;
       dynamic += w.label[k] != 0 ? 1 : 0;
     }
-    if (dynamic < o.fill_share * judged || dynamic == 0) continue;
+    if (dynamic < o.fill_share * judged) continue;
     if (static_cast<double>(w.queue.size()) > o.max_fill * cells) continue;
     for (const int i : w.queue) w.label[static_cast<std::size_t>(i)] = 255;
   }
@@ -120,7 +121,13 @@ inline double dynamic_share(ImageView<std::uint8_t> mask) {
   std::size_t set = 0;
   for (int y = 0; y < mask.height; ++y) {
     const std::uint8_t* row = mask.row(y);
-    for (int x = 0; x < mask.width; ++x) set += row[x] >> 7;
+    int x = 0;
+    for (; x + 8 <= mask.width; x += 8) {  // most are eight static pixels
+      std::uint64_t eight = 0;
+      std::memcpy(&eight, row + x, 8);
+      for (; eight != 0; eight >>= 8) set += eight >> 7 & 1;
+    }
+    for (; x < mask.width; ++x) set += row[x] >> 7;
   }
   return static_cast<double>(set) / (static_cast<double>(mask.width) * mask.height);
 }
@@ -180,6 +187,7 @@ inline double grow_regions(ImageView<const float> depth, const DepthEvidence& ev
   w.strays.clear();
   if (complete) detail::complete_regions(evidence, options, w);
   detail::close_holes(evidence, w);
+  detail::find_borders(evidence, w);
   detail::paint(depth, evidence, w, mask);
   if (complete) detail::settle_strays(depth, evidence, w, mask);
   if (!guide.empty()) {

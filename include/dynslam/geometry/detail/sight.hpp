@@ -10,10 +10,15 @@ namespace dynslam::geometry::detail {
 /// What one reference says of a point.
 enum class Sight { kOutside, kHole, kEdge, kHidden, kSeen, kMover, kThrough };
 
+/// The numbers come first so that they travel in one register: split, each look-up waits for what
+/// it has just stored.
 struct SightResult {
-  Sight sight = Sight::kOutside;
-  float excess = 0.0F;  ///< kThrough: how far in front, in margins beyond the margin
-  float gap = 0.0F;     ///< metres between the point and what the reference saw
+  float excess;  ///< kThrough: how far in front, in margins beyond the margin
+  float gap;     ///< metres between the point and what the reference saw
+  Sight sight;
+
+  SightResult(Sight sight_ = Sight::kOutside, float excess_ = 0.0F, float gap_ = 0.0F)
+      : excess(excess_), gap(gap_), sight(sight_) {}
 };
 
 /// Share of a static vote that agreement with a former mover is worth.
@@ -26,32 +31,23 @@ struct SightTally {
   int through = 0, seen = 0, hidden = 0, edge = 0, hole = 0;
 
   void add(const SightResult& result, float dynamic_evidence, float static_evidence) {
-    switch (result.sight) {
-      case Sight::kThrough:
-        ++through;
-        gap += result.gap;
-        log_odds += dynamic_evidence * std::min(1.0F, 0.5F + 0.5F * result.excess);
-        break;
-      case Sight::kSeen:
-        ++seen;
-        gap += result.gap;
-        log_odds -= static_evidence;
-        break;
-      case Sight::kMover:
-        ++seen;
-        log_odds -= kMoverShare * static_evidence;
-        break;
-      case Sight::kHidden:
-        ++hidden;
-        break;
-      case Sight::kEdge:
-        ++edge;
-        break;
-      case Sight::kHole:
-        ++hole;
-        break;
-      case Sight::kOutside:
-        break;
+    if (result.sight == Sight::kSeen) {  // by far the most frequent
+      ++seen;
+      gap += result.gap;
+      log_odds -= static_evidence;
+    } else if (result.sight == Sight::kHidden) {
+      ++hidden;
+    } else if (result.sight == Sight::kThrough) {
+      ++through;
+      gap += result.gap;
+      log_odds += dynamic_evidence * std::min(1.0F, 0.5F + 0.5F * result.excess);
+    } else if (result.sight == Sight::kMover) {
+      ++seen;
+      log_odds -= kMoverShare * static_evidence;
+    } else if (result.sight == Sight::kEdge) {
+      ++edge;
+    } else if (result.sight == Sight::kHole) {
+      ++hole;
     }
   }
   Verdict verdict(float decision) const {

@@ -6,6 +6,8 @@
 #include <cstddef>
 #include <vector>
 
+#include <Eigen/Core>
+
 #include "dynslam/geometry/depth_consistency.hpp"
 #include "dynslam/geometry/region_grow.hpp"
 
@@ -48,18 +50,34 @@ inline void link_cells(const DepthEvidence& e, float jump, std::vector<float>& r
   }
 }
 
-/// One recursive pass there and back over a line of `n` cells `step` apart.
-inline void smooth_line(float* sum, float* weight, const float* gain, int n, int step) {
-  for (int i = 1; i < n; ++i) {
-    const float a = gain[(i - 1) * step];
-    sum[i * step] += a * (sum[(i - 1) * step] - sum[i * step]);
-    weight[i * step] += a * (weight[(i - 1) * step] - weight[i * step]);
+/// One recursive pass there and back over `kRows` rows of `n` cells, in step: the next cell of a
+/// row waits for the one before, the rows do not wait for each other.
+template <int kRows>
+void smooth_rows(float* sum, float* weight, const float* gain, int n) {
+  const auto pull = [&](int to, int from, float a) {
+    sum[to] += a * (sum[from] - sum[to]);
+    weight[to] += a * (weight[from] - weight[to]);
+  };
+  for (int x = 1; x < n; ++x) {
+    for (int i = x; i < kRows * n; i += n) pull(i, i - 1, gain[i - 1]);
   }
-  for (int i = n - 2; i >= 0; --i) {
-    const float a = gain[i * step];
-    sum[i * step] += a * (sum[(i + 1) * step] - sum[i * step]);
-    weight[i * step] += a * (weight[(i + 1) * step] - weight[i * step]);
+  for (int x = n - 2; x >= 0; --x) {
+    for (int i = x; i < kRows * n; i += n) pull(i, i + 1, gain[i]);
   }
+}
+
+/// The same over all columns, whole rows at a time.
+inline void smooth_columns(std::vector<float>& values, const std::vector<float>& gain, int width,
+                           int height) {
+  using Row = Eigen::Map<Eigen::ArrayXf>;
+  const auto pull = [&](int to, int from, int gains) {
+    Row row(&values[static_cast<std::size_t>(to) * width], width);
+    const Row other(&values[static_cast<std::size_t>(from) * width], width);
+    const Eigen::Map<const Eigen::ArrayXf> a(&gain[static_cast<std::size_t>(gains) * width], width);
+    row += a * (other - row);
+  };
+  for (int y = 1; y < height; ++y) pull(y, y - 1, y - 1);
+  for (int y = height - 2; y >= 0; --y) pull(y, y + 1, y);
 }
 
 /// Domain transform filter of evidence and its weight along the surface.
@@ -75,14 +93,17 @@ inline void share_evidence(const DepthEvidence& e, double reach, RegionGrowWorks
       }
     };
     gains(w.right);
-    for (int y = 0; y < e.height; ++y) {
+    constexpr int kTogether = 4;
+    for (int y = 0; y < e.height;) {
       const std::size_t at = static_cast<std::size_t>(y) * e.width;
-      smooth_line(&w.sum[at], &w.weight[at], &w.gain[at], e.width, 1);
+      const bool together = y + kTogether <= e.height;
+      const auto smooth = together ? smooth_rows<kTogether> : smooth_rows<1>;
+      smooth(&w.sum[at], &w.weight[at], &w.gain[at], e.width);
+      y += together ? kTogether : 1;
     }
     gains(w.down);
-    for (int x = 0; x < e.width; ++x) {
-      smooth_line(&w.sum[x], &w.weight[x], &w.gain[x], e.height, e.width);
-    }
+    smooth_columns(w.sum, w.gain, e.width, e.height);
+    smooth_columns(w.weight, w.gain, e.width, e.height);
   }
 }
 
