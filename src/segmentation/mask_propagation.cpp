@@ -372,11 +372,7 @@ bool MaskPropagator::set_segmentation(std::uint64_t index, Segmentation segmenta
   Impl& self = *impl_;
   const std::size_t place = self.place_of(index);
   if (place == self.frames.size() || (self.source && index < self.source_index)) return false;
-  const cv::Size size = self.full;
-  require(segmentation.width == size.width && segmentation.height == size.height,
-          "MaskPropagator::set_segmentation", "segmentation",
-          std::to_string(segmentation.width) + "x" + std::to_string(segmentation.height),
-          "the frames' size");
+  require_sound("MaskPropagator::set_segmentation", segmentation, self.full);
   self.source = std::move(segmentation);
   self.source_index = index;
   self.result_is_fresh = false;
