@@ -14,6 +14,7 @@ constexpr int kMinCell = 8;       // half-resolution pixels between corners, at 
 constexpr double kCorners = 350;  // about so many in any image
 constexpr int kMostInCell = 3;
 constexpr int kBorder = 3;
+constexpr int kFineLevels = 1;  // above the first, for corners that move nearly as they did
 // Of the strongest corner; weaker ones are noise. Lower than what a tracker of a few good corners
 // would take, because every part of the image is to have one.
 constexpr double kQuality = 0.002;
@@ -33,6 +34,25 @@ CornerGrid::CornerGrid(cv::Size image)
       columns((image.width + cell - 1) / cell),
       rows((image.height + cell - 1) / cell) {}
 
+// Where the corners `start` of the last image are in `image`, from `end` on; `found` says which
+// came back to where they began.
+void CornerTracker::flow(const FlowImage& image, int levels, const std::vector<cv::Point2f>& start,
+                         std::vector<cv::Point2f>& end, std::vector<std::uint8_t>& found) const {
+  const cv::TermCriteria stop(cv::TermCriteria::COUNT + cv::TermCriteria::EPS, 10, 0.03);
+  cv::calcOpticalFlowPyrLK(last_.pyramid, image.pyramid, start, end, found, cv::noArray(),
+                           kFlowWindow, levels, stop, cv::OPTFLOW_USE_INITIAL_FLOW);
+  // The way back is to end a pixel from where it is begun: no need of coarse levels.
+  std::vector<cv::Point2f> back = start;
+  std::vector<std::uint8_t> found_back;
+  cv::calcOpticalFlowPyrLK(image.pyramid, last_.pyramid, end, back, found_back, cv::noArray(),
+                           kFlowWindow, 0, stop, cv::OPTFLOW_USE_INITIAL_FLOW);
+  const float limit = static_cast<float>(max_error_px_ / 2);
+  for (std::size_t i = 0; i < start.size(); ++i) {
+    const cv::Point2f d = back[i] - start[i];
+    if (found_back[i] == 0 || !(d.dot(d) <= limit * limit)) found[i] = 0;
+  }
+}
+
 std::vector<Corner> CornerTracker::follow(const FlowImage& image, const HalfDepth& depth) const {
   std::vector<Corner> followed;
   if (corners_.empty() || corners_.back().empty() || image.pyramid.empty()) return followed;
@@ -41,21 +61,29 @@ std::vector<Corner> CornerTracker::follow(const FlowImage& image, const HalfDept
     start.push_back(corner.at);
     end.push_back(corner.at + corner.step);
   }
-  std::vector<std::uint8_t> found, found_back;
-  const cv::TermCriteria stop(cv::TermCriteria::COUNT + cv::TermCriteria::EPS, 10, 0.03);
-  cv::calcOpticalFlowPyrLK(last_.pyramid, image.pyramid, start, end, found, cv::noArray(),
-                           kFlowWindow, kFlowLevels, stop, cv::OPTFLOW_USE_INITIAL_FLOW);
-  // The way back is to end a pixel from where it is begun: no need of coarse levels.
-  std::vector<cv::Point2f> back = start;
-  cv::calcOpticalFlowPyrLK(image.pyramid, last_.pyramid, end, back, found_back, cv::noArray(),
-                           kFlowWindow, 0, stop, cv::OPTFLOW_USE_INITIAL_FLOW);
-  const float limit = static_cast<float>(max_error_px_ / 2);
+  std::vector<std::uint8_t> found;
+  flow(image, kFineLevels, start, end, found);
+  // Few move so unlike before that it takes the coarse levels to find them.
+  std::vector<std::size_t> lost;
+  std::vector<cv::Point2f> lost_start, lost_end;
+  for (std::size_t i = 0; i < start.size(); ++i) {
+    if (found[i] != 0) continue;
+    lost.push_back(i);
+    lost_start.push_back(start[i]);
+    lost_end.push_back(start[i] + corners_.back()[i].step);
+  }
+  if (!lost.empty()) {
+    std::vector<std::uint8_t> refound;
+    flow(image, kFlowLevels, lost_start, lost_end, refound);
+    for (std::size_t k = 0; k < lost.size(); ++k) {
+      found[lost[k]] = refound[k];
+      end[lost[k]] = lost_end[k];
+    }
+  }
   const cv::Size size = image.grey.size();
   const cv::Rect2f inside(0, 0, static_cast<float>(size.width), static_cast<float>(size.height));
   for (std::size_t i = 0; i < start.size(); ++i) {
-    const cv::Point2f d = back[i] - start[i];
-    if (found[i] == 0 || found_back[i] == 0 || !(d.dot(d) <= limit * limit)) continue;
-    if (!inside.contains(end[i])) continue;
+    if (found[i] == 0 || !inside.contains(end[i])) continue;
     const float before = depth_at(last_depth_, size, start[i]);
     const float now = depth_at(depth.z, size, end[i]);
     if (measured(before) && measured(now) && std::abs(now - before) > kMaxDepthJump * before) {

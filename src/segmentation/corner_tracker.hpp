@@ -56,6 +56,8 @@ class CornerTracker {
   std::vector<CornerPair> pairs_since(std::size_t place) const;
 
  private:
+  void flow(const FlowImage& image, int levels, const std::vector<cv::Point2f>& start,
+            std::vector<cv::Point2f>& end, std::vector<std::uint8_t>& found) const;
   std::vector<Corner> follow(const FlowImage& image, const HalfDepth& depth) const;
   void thin_out(const CornerGrid& grid, std::vector<Corner>& corners);
   void fill_gaps(const cv::Mat& grey, const CornerGrid& grid, int first, int last,
