@@ -2,7 +2,7 @@
 
 #include <algorithm>
 #include <chrono>
-#include <exception>
+#include <iostream>
 #include <optional>
 #include <thread>
 #include <utility>
@@ -18,7 +18,8 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
-constexpr std::chrono::seconds kFirstMask{30};  // longest wait for a network to warm up
+// Longest wait for a mask; a network warms up in less.
+constexpr std::chrono::seconds kPatience{30};
 constexpr const char* kTruth = "truth";
 constexpr int kOldestMask = 15;  // frames, as the propagator has it
 
@@ -67,27 +68,34 @@ int threads_beside_tracking() {
 }
 
 MaskSource::MaskSource(const RunFlags& flags, const dataset::Sequence& sequence)
-    : every_(flags.segment_every),
-      truth_(flags.segmenter == kTruth),
-      policy_(policy_options(flags)) {
+    : every_(flags.segment_every), policy_(policy_options(flags)) {
   if (flags.segmenter == "none" || !composition_of(flags).masks) return;
-  segmenter_ = open_segmenter(flags, sequence);
-  if (!flags.asynchronous()) return;
-  worker_ = std::make_unique<segmentation::AsyncSegmenter>(std::move(segmenter_));
-  propagator_ = std::make_unique<segmentation::MaskPropagator>();
+  std::unique_ptr<segmentation::Segmenter> segmenter = open_segmenter(flags, sequence);
+  names_ = segmenter->class_names();
+  // The truth came with the frame: to read or render that again is not segmentation's time.
+  truth_ = flags.segmenter == kTruth && !flags.asynchronous();
+  if (truth_) return;
+  segmentation::AsyncOptions options;
+  options.patience = kPatience;
+  if (!flags.asynchronous()) options.niceness = 0;  // tracking waits
+  worker_ = std::make_unique<segmentation::AsyncSegmenter>(std::move(segmenter), options);
+  if (flags.asynchronous()) propagator_ = std::make_unique<segmentation::MaskPropagator>();
 }
 
 void MaskSource::prepare(const dataset::Frame& first) {
-  if (!worker_) return;
+  if (!propagator_) return;
   worker_->submit(first.color, examples::info_of(first));
-  worker_->wait_idle(kFirstMask);
+  worker_->wait_idle(kPatience);
 }
 
 const cv::Mat& MaskSource::update(const dataset::Frame& frame, FrameRow& row) {
   const Clock::time_point start = Clock::now();
   row.mask_age = -1;
-  if (segmenter_) update_now(frame, row);
-  if (worker_) update_beside(frame, row);
+  if (propagator_) {
+    update_beside(frame, row);
+  } else if (worker_ || truth_) {
+    update_now(frame, row);
+  }
   row.segment_ms = std::chrono::duration<double, std::milli>(Clock::now() - start).count();
   return mask_;
 }
@@ -97,27 +105,45 @@ void MaskSource::update_now(const dataset::Frame& frame, FrameRow& row) {
   row.mask_age = mask_.empty() ? -1 : age_;
 }
 
-// A segmenter that fails on the way leaves the last mask in place until that is of no use.
+// A segmenter that fails leaves the last mask in place until that is of no use.
 void MaskSource::segment(const dataset::Frame& frame) {
-  try {
-    // The truth came with the frame: to read or render that again is not segmentation's time.
-    const segmentation::Segmentation found =
-        truth_ ? examples::true_segmentation(frame)
-               : segmenter_->segment(frame.color, examples::info_of(frame));
-    policy_.mask(found, segmenter_->class_names(), mask_);
+  if (const std::optional<segmentation::Segmentation> found = segmentation_of(frame)) {
+    policy_.mask(*found, names_, mask_);
     age_ = 0;
-    worked_ = true;
-  } catch (const std::exception& error) {
-    if (!worked_) throw;
-    if (failures_++ == 0) first_failure_ = error.what();
-    if (age_ >= std::max(every_, kOldestMask)) mask_.release();
+    return;
   }
+  ++failures_;
+  if (age_ >= std::max(every_, kOldestMask)) mask_.release();
 }
 
-SegmenterFailures MaskSource::failures() const {
-  if (!worker_) return {failures_, first_failure_};
+// Nothing if the segmenter fails, or if it still hangs at an earlier frame.
+std::optional<segmentation::Segmentation> MaskSource::segmentation_of(const dataset::Frame& frame) {
+  if (truth_) return examples::true_segmentation(frame);
+  if (worker_->status().overdue) return std::nullopt;
+  worker_->submit(frame.color, examples::info_of(frame));
+  while (std::optional<segmentation::AsyncResult> result = worker_->wait(kPatience)) {
+    if (result->index == frame.index) return std::move(result->segmentation);
+  }
+  return std::nullopt;
+}
+
+SegmenterFailures MaskSource::finish() {
+  if (!worker_) return {};
+  const bool hangs = !worker_->finish();
   const segmentation::AsyncStatus status = worker_->status();
-  return {static_cast<std::size_t>(status.failed), status.last_error};
+  SegmenterFailures failures{failures_, status.last_error};
+  if (propagator_) failures.count = static_cast<std::size_t>(status.failed) + (hangs ? 1 : 0);
+  if (hangs) {
+    failures.message = "no answer to frame " + std::to_string(status.busy_index) + " within " +
+                       std::to_string(kPatience.count()) + " s";
+  }
+  return failures;
+}
+
+void tell(const SegmenterFailures& failures) {
+  if (failures.count == 0) return;
+  std::cerr << "dynslam: segmenter failed at " << failures.count << " frames: " << failures.message
+            << '\n';
 }
 
 void MaskSource::update_beside(const dataset::Frame& frame, FrameRow& row) {
@@ -126,7 +152,7 @@ void MaskSource::update_beside(const dataset::Frame& frame, FrameRow& row) {
     // Only what the mask will be made of is worth carrying.
     segmentation::Segmentation& found = result->segmentation;
     std::vector<segmentation::Instance> movers;
-    for (const std::size_t i : policy_.dynamic_instances(found, worker_->class_names())) {
+    for (const std::size_t i : policy_.dynamic_instances(found, names_)) {
       movers.push_back(std::move(found.instances[i]));
     }
     found.instances = std::move(movers);
@@ -138,7 +164,7 @@ void MaskSource::update_beside(const dataset::Frame& frame, FrameRow& row) {
     mask_.release();
     return;
   }
-  policy_.mask(carried->segmentation, worker_->class_names(), mask_);
+  policy_.mask(carried->segmentation, names_, mask_);
   row.mask_age = carried->age;
 }
 

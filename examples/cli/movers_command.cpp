@@ -164,7 +164,10 @@ int run(const MoversFlags& flags) {
     score.add(keypoints, labels, mask, system.movers());
     progress.update(i + 1, "");
   }
+  const SegmenterFailures unsegmented = masks.finish();
+  tell(unsegmented);
   Json report = score.report();
+  report["unsegmented"] = unsegmented.count;
   report["frames"] = sequence->size();
   report["ms"] = {{"median", evaluation::quantile(ms, 0.5)}};
   if (flags.json) {

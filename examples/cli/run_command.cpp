@@ -152,10 +152,7 @@ int run(RunCommandFlags flags) {
   for (const std::string& unreadable : outcome.problems) {
     std::cerr << "dynslam: frame skipped: " << unreadable << '\n';
   }
-  if (outcome.unsegmented.count > 0) {
-    std::cerr << "dynslam: segmenter failed at " << outcome.unsegmented.count
-              << " frames: " << outcome.unsegmented.message << '\n';
-  }
+  tell(outcome.unsegmented);
   if (flags.json) {
     std::cout << summary.dump(2) << '\n';
   } else {

@@ -186,7 +186,7 @@ RunOutcome run_system(const dataset::Sequence& sequence, const RunFlags& flags) 
   if (outcome.problems.size() == sequence.size()) throw IoError(outcome.problems.front());
   outcome.system->finish();
   view.finish();
-  outcome.unsegmented = masks.failures();
+  outcome.unsegmented = masks.finish();
   outcome.trajectory = outcome.system->trajectory();
   return outcome;
 }

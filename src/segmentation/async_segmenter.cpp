@@ -20,6 +20,8 @@ void AsyncOptions::validate() const {
   require(queue_capacity >= 1, "AsyncOptions", "queue_capacity", queue_capacity, "at least 1");
   require(result_capacity >= 1, "AsyncOptions", "result_capacity", result_capacity, "at least 1");
   require(niceness >= 0 && niceness <= 19, "AsyncOptions", "niceness", niceness, "0 to 19");
+  require(patience >= std::chrono::milliseconds(0) && patience <= std::chrono::hours(24),
+          "AsyncOptions", "patience", patience.count(), "0 milliseconds to 1 day");
 }
 
 namespace {
@@ -73,6 +75,7 @@ struct AsyncSegmenter::Impl {
   std::optional<Job> spare;  // memory of a frame that is done with
   std::deque<AsyncResult> results;
   AsyncStatus status;
+  std::chrono::steady_clock::time_point overdue_at;  // the frame in work
 
   std::thread worker;
 
@@ -90,6 +93,8 @@ void AsyncSegmenter::Impl::run() {
     Job job = std::move(queue.front());
     queue.pop_front();
     status.busy = true;
+    status.busy_index = job.frame.index;
+    overdue_at = std::chrono::steady_clock::now() + options.patience;
     process(job, lock);
     spare = std::move(job);
     status.busy = false;
@@ -108,6 +113,7 @@ void AsyncSegmenter::Impl::process(Job& job, std::unique_lock<std::mutex>& lock)
   lock.unlock();
   try {
     result.segmentation = segmenter->segment(job.image, job.frame);
+    require_sound("Segmenter::segment", result.segmentation, job.image.size());
   } catch (const std::exception& exception) {
     failed = true;
     error = exception.what();
@@ -128,19 +134,22 @@ void AsyncSegmenter::Impl::process(Job& job, std::unique_lock<std::mutex>& lock)
 }
 
 AsyncSegmenter::AsyncSegmenter(std::unique_ptr<Segmenter> segmenter, const AsyncOptions& options)
-    : impl_(std::make_unique<Impl>()) {
+    : impl_(std::make_shared<Impl>()) {
   options.validate();
   require(segmenter != nullptr, "AsyncSegmenter", "segmenter", "null", "a segmenter");
   impl_->segmenter = std::move(segmenter);
   impl_->options = options;
   impl_->names = impl_->segmenter->class_names();
   impl_->info = impl_->segmenter->info();
-  impl_->worker = std::thread([impl = impl_.get()] { impl->run(); });
+  impl_->worker = std::thread([impl = impl_] { impl->run(); });
 }
 
 AsyncSegmenter::~AsyncSegmenter() {
-  stop();
-  impl_->worker.join();
+  if (finish()) {
+    impl_->worker.join();
+  } else {
+    impl_->worker.detach();
+  }
 }
 
 bool AsyncSegmenter::submit(const cv::Mat& image, const FrameInfo& frame) {
@@ -208,10 +217,17 @@ void AsyncSegmenter::stop() {
   impl_->changed.notify_all();
 }
 
+bool AsyncSegmenter::finish() {
+  stop();
+  std::unique_lock<std::mutex> lock(impl_->mutex);
+  return impl_->changed.wait_until(lock, impl_->overdue_at, [this] { return impl_->idle(); });
+}
+
 AsyncStatus AsyncSegmenter::status() const {
   const std::lock_guard<std::mutex> lock(impl_->mutex);
   AsyncStatus status = impl_->status;
   status.waiting = impl_->queue.size();
+  status.overdue = status.busy && std::chrono::steady_clock::now() >= impl_->overdue_at;
   return status;
 }
 

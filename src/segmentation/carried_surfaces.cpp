@@ -10,9 +10,6 @@
 namespace dynslam::segmentation {
 namespace {
 
-// A corner speaks for the surface around it, half-resolution cells: twice the usual distance to the
-// next corner, so that all of a surface with corners hears one.
-constexpr int kVoiceCells = 30;
 constexpr int kMargin = 3;  // pixels from a mask's border within which a corner belongs to nobody
 constexpr int kMinRevealed = 60;            // cells; less is noise of the depth image's borders
 constexpr double kMaxRevealedShare = 0.15;  // of the image; more is a part of the room

@@ -14,6 +14,10 @@ namespace dynslam::segmentation {
 inline constexpr int kOutside = -1;  ///< label of corners that belong to no instance
 inline constexpr int kUnknown = -2;  ///< and of those at the border of one
 
+/// A corner speaks for the surface around it, half-resolution cells: twice the usual distance to
+/// the next corner near masks, so that all of a surface with corners hears one.
+inline constexpr int kVoiceCells = 30;
+
 /// The instance that a corner (half resolution) is in; kUnknown next to the border of one.
 int label_at(cv::Point2f at, const std::vector<Instance>& instances);
 

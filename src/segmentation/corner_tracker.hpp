@@ -3,6 +3,7 @@
 
 #include <array>
 #include <cstddef>
+#include <cstdint>
 #include <deque>
 #include <vector>
 
@@ -26,16 +27,23 @@ struct CornerPair {
   cv::Point2f to;
 };
 
-/// Square cells over an image, in pixels of it.
+/// Square cells over an image, in pixels of it, in fields of one cell where the net of corners is
+/// to be close and of two by two cells elsewhere.
 struct CornerGrid {
-  explicit CornerGrid(cv::Size image);
+  CornerGrid(cv::Size image, const std::vector<cv::Rect>& close);
+  /// The place of the field that a cell is in: its own, or that of its first cell.
+  std::size_t field_of(int column, int row) const;
+  /// The same of a corner.
+  std::size_t field_of(const Corner& corner) const;
   int cell;
   int columns;
   int rows;
+  std::vector<std::uint8_t> is_close;  ///< of the cells
 };
 
-/// Follows a net of corners, about one in every square cell of a grid, through the last frames. So
-/// the work of a frame does not depend on how many masks there are, or on when they come.
+/// Follows a net of corners, about one in every field of a grid, through the last frames, whether
+/// masks come or not. The net is close around the masks that are known, so that a new one finds a
+/// wide net in its first frames.
 ///
 /// A corner whose way back does not end where it began, or whose depth jumps by more than
 /// `kMaxDepthJump` (it slipped from a thing to what is behind), ends.
@@ -44,8 +52,9 @@ class CornerTracker {
   CornerTracker(std::size_t history, double max_error_px)
       : history_(history), max_error_px_(max_error_px) {}
 
-  /// The next frame; all of one size. `depth` has no cells if there is none. O(pixels + corners).
-  void add(FlowImage image, const HalfDepth& depth);
+  /// The next frame; all of one size. `depth` has no cells if there is none. `close`: windows in
+  /// which the net is to be close. O(pixels + corners).
+  void add(FlowImage image, const HalfDepth& depth, const std::vector<cv::Rect>& close);
 
   std::size_t frames() const { return corners_.size(); }
 
@@ -56,11 +65,13 @@ class CornerTracker {
   std::vector<CornerPair> pairs_since(std::size_t place) const;
 
  private:
+  void flow(const FlowImage& image, int levels, const std::vector<cv::Point2f>& start,
+            std::vector<cv::Point2f>& end, std::vector<std::uint8_t>& found) const;
   std::vector<Corner> follow(const FlowImage& image, const HalfDepth& depth) const;
   void thin_out(const CornerGrid& grid, std::vector<Corner>& corners);
   void fill_gaps(const cv::Mat& grey, const CornerGrid& grid, int first, int last,
                  std::vector<Corner>& corners);
-  void renew(const cv::Mat& grey, std::vector<Corner>& corners);
+  void renew(const cv::Mat& grey, const std::vector<cv::Rect>& close, std::vector<Corner>& corners);
 
   std::size_t history_;
   double max_error_px_;
@@ -69,7 +80,7 @@ class CornerTracker {
   std::vector<float> last_depth_;
   bool upper_ = true;                  // the half of the image whose turn it is
   std::array<double, 2> strongest_{};  // corner of the halves, when it was their turn
-  std::vector<int> count_;             // of corners in every cell
+  std::vector<int> count_;             // of corners in every field
   cv::Mat strength_;
 };
 

@@ -233,13 +233,19 @@ void DepthWindow::write(DepthView depth, Instance& instance) const {
     if (v % 2 == 0) choose_brushes(cells.x, y, brushes);
     const float* own = depth.row(box.y + v) + box.x;
     std::uint8_t* out = mask.ptr(v);
-    for (int u = 0; u < box.width; ++u) {
+    for (int u = 0; u < box.width; u += 2) {
       const Brush brush = brushes[static_cast<std::size_t>(u / 2)];
       if (brush == Brush::kNone) continue;
+      const int end = std::min(u + 2, box.width);
+      if (brush == Brush::kFull) {
+        std::fill(out + u, out + end, std::uint8_t{255});
+        continue;
+      }
       // At the border the pixel's own depth decides, if it has one.
-      const bool in = brush == Brush::kFull || !measured(own[u]) ||
-                      one_surface(own[u], depth_.at(depth_.cell_of(cells.x + u / 2, y)), options_);
-      out[u] = in ? 255 : 0;
+      const float z = depth_.at(depth_.cell_of(cells.x + u / 2, y));
+      for (int i = u; i < end; ++i) {
+        out[i] = !measured(own[i]) || one_surface(own[i], z, options_) ? 255 : 0;
+      }
     }
   }
   instance.box = box;

@@ -16,8 +16,8 @@ constexpr float kNearest = 0.1F;
 constexpr int kMinCells = 12;  // fewer say nothing
 
 int bin_of(float z) {
-  static const double scale = 1.0 / std::log(kBinRatio);
-  const double bin = std::log(static_cast<double>(std::max(z, kNearest) / kNearest)) * scale;
+  static const auto scale = static_cast<float>(1.0 / std::log(kBinRatio));
+  const float bin = std::log(std::max(z, kNearest) / kNearest) * scale;
   return std::min(static_cast<int>(bin), kBins - 1);
 }
 float bin_edge(int bin) {

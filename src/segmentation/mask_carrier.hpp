@@ -12,7 +12,7 @@
 namespace dynslam::segmentation {
 
 /// Of the flow, at half resolution: window and levels above the first.
-inline const cv::Size kFlowWindow(11, 11);
+inline const cv::Size kFlowWindow(9, 9);
 inline constexpr int kFlowLevels = 3;
 
 /// A grey image at half resolution with the pyramid that optical flow needs.

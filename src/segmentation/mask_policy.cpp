@@ -11,26 +11,6 @@
 namespace dynslam::segmentation {
 namespace {
 
-void require_instances_in_image(const Segmentation& segmentation) {
-  const cv::Rect image(0, 0, segmentation.width, segmentation.height);
-  for (const Instance& instance : segmentation.instances) {
-    const cv::Rect& box = instance.box;
-    if ((box & image) != box || box.empty()) {
-      throw_invalid_argument("MaskPolicy", "box",
-                             std::to_string(box.width) + "x" + std::to_string(box.height) + " at " +
-                                 std::to_string(box.x) + ", " + std::to_string(box.y),
-                             "a box inside the image");
-    }
-    if (instance.mask.type() != CV_8UC1 || instance.mask.size() != box.size()) {
-      throw_invalid_argument("MaskPolicy", "mask",
-                             std::to_string(instance.mask.cols) + "x" +
-                                 std::to_string(instance.mask.rows) + " of " +
-                                 cv::typeToString(instance.mask.type()),
-                             "CV_8UC1 of the box's size");
-    }
-  }
-}
-
 void paint(const Instance& instance, cv::Mat& mask) {
   cv::Mat window = mask(instance.box);
   cv::bitwise_or(window, instance.mask, window);
@@ -85,7 +65,7 @@ bool MaskPolicy::is_dynamic(const Instance& instance,
 
 std::vector<std::size_t> MaskPolicy::dynamic_instances(
     const Segmentation& segmentation, const std::vector<std::string>& class_names) const {
-  require_instances_in_image(segmentation);
+  require_sound("MaskPolicy", segmentation, {segmentation.width, segmentation.height});
   const auto& instances = segmentation.instances;
   std::vector<std::size_t> chosen;
   std::vector<std::size_t> candidates;

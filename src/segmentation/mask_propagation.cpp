@@ -109,6 +109,7 @@ struct MaskPropagator::Impl {
   std::vector<int> count_corners(std::size_t place) const;
   PointTracks tracks_of(std::size_t instance) const;
   cv::Rect reach_of_masks() const;
+  std::vector<cv::Rect> windows_of_masks() const;
   float depth_change(const PointTracks& tracks, const HalfDepth& before) const;
   CellMask move_parts(const CellMask& was, const PointTracks& all, const PointTracks& alike,
                       cv::Point2f common, const HalfDepth* before) const;
@@ -282,6 +283,25 @@ void MaskPropagator::Impl::add_revealed(std::size_t place, PropagatedSegmentatio
   }
 }
 
+// Around the masks of the frame before, or else those that the network gave last, half resolution,
+// as far as a corner is heard.
+std::vector<cv::Rect> MaskPropagator::Impl::windows_of_masks() const {
+  std::vector<cv::Rect> windows;
+  const auto add = [&windows](const Segmentation& found) {
+    for (const Instance& instance : found.instances) {
+      const cv::Rect cells = cells_of(instance.box);
+      windows.emplace_back(cells.x - kVoiceCells, cells.y - kVoiceCells,
+                           cells.width + 2 * kVoiceCells, cells.height + 2 * kVoiceCells);
+    }
+  };
+  if (result) {
+    add(result->segmentation);
+  } else if (source) {
+    add(*source);
+  }
+  return windows;
+}
+
 // Where masks can be in the newest frame, half resolution.
 cv::Rect MaskPropagator::Impl::reach_of_masks() const {
   cv::Rect reach;
@@ -364,7 +384,7 @@ void MaskPropagator::add_frame(const cv::Mat& image, const FrameInfo& frame) {
   self.full = image.size();
   self.begin_frame(frame);
   self.remember_depth(frame.depth);
-  self.tracker.add(make_flow_image(image), self.frames.back().half);
+  self.tracker.add(make_flow_image(image), self.frames.back().half, self.windows_of_masks());
   self.result_is_fresh = false;
 }
 
@@ -372,11 +392,7 @@ bool MaskPropagator::set_segmentation(std::uint64_t index, Segmentation segmenta
   Impl& self = *impl_;
   const std::size_t place = self.place_of(index);
   if (place == self.frames.size() || (self.source && index < self.source_index)) return false;
-  const cv::Size size = self.full;
-  require(segmentation.width == size.width && segmentation.height == size.height,
-          "MaskPropagator::set_segmentation", "segmentation",
-          std::to_string(segmentation.width) + "x" + std::to_string(segmentation.height),
-          "the frames' size");
+  require_sound("MaskPropagator::set_segmentation", segmentation, self.full);
   self.source = std::move(segmentation);
   self.source_index = index;
   self.result_is_fresh = false;

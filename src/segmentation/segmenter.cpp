@@ -20,6 +20,29 @@ void require_segmentable(const char* function, const cv::Mat& image, const Frame
               std::to_string(image.rows));
 }
 
+void require_sound(const char* function, const Segmentation& segmentation, cv::Size image) {
+  const auto size_of = [](int width, int height) {
+    return std::to_string(width) + "x" + std::to_string(height);
+  };
+  require(segmentation.width == image.width && segmentation.height == image.height, function,
+          "segmentation", size_of(segmentation.width, segmentation.height),
+          "the image's size " + size_of(image.width, image.height));
+  for (const Instance& instance : segmentation.instances) {
+    const cv::Rect& box = instance.box;
+    // Not box.br(), which may overflow.
+    const bool inside = box.x >= 0 && box.y >= 0 && box.width > 0 && box.height > 0 &&
+                        box.width <= image.width - box.x && box.height <= image.height - box.y;
+    require(inside, function, "box",
+            size_of(box.width, box.height) + " at " + std::to_string(box.x) + ", " +
+                std::to_string(box.y),
+            "a box inside the image");
+    const cv::Mat& mask = instance.mask;
+    require(mask.dims == 2 && mask.type() == CV_8UC1 && mask.size() == box.size(), function, "mask",
+            size_of(mask.cols, mask.rows) + " of " + cv::typeToString(mask.type()),
+            "CV_8UC1 of the box's size " + size_of(box.width, box.height));
+  }
+}
+
 std::string frame_stem(const std::string& name) {
   const std::size_t slash = name.find_last_of("/\\");
   std::string stem = slash == std::string::npos ? name : name.substr(slash + 1);

@@ -106,6 +106,22 @@ head -c 1000 "$victim" >cut && mv cut "$victim"
 grep -q '"unreadable": 1' summary.json || complain "the broken frame is not counted"
 grep -q "frame skipped: .*$(basename "$victim")" stderr || complain "the broken frame is not named"
 
+# A segmenter that fails, at one frame or at all of them, costs masks and not the run.
+cp -r scene/mask cutmask
+victim=$(find cutmask -name '*.png' | sort | sed -n 6p)
+head -c 100 "$victim" >cut && mv cut "$victim"
+"$dynslam" run --tum scene --system p-yolo --segmenter recorded:cutmask --out out-cutmask --json \
+  >summary.json 2>stderr || complain "run with a broken mask: $(cat stderr)"
+grep -q '"unsegmented": 1' summary.json || complain "the broken mask is not counted"
+grep -q "failed at 1 frames: .*$(basename "$victim")" stderr || complain "it is not named"
+for mask in cutmask/*.png; do head -c 100 "$mask" >cut && mv cut "$mask"; done
+for mode in --sequential --async; do
+  "$dynslam" run --tum scene --system p-yolo --segmenter recorded:cutmask $mode --out out-cutmask \
+    --json >summary.json 2>stderr || complain "run $mode without a sound mask: $(cat stderr)"
+  [[ $(grep -c 'segmenter failed' stderr) == 1 ]] || complain "$mode tells of it not once"
+  grep -qE '"unsegmented": [1-9]' summary.json || complain "$mode does not count broken masks"
+done
+
 # Time that runs backwards is left out and said.
 cp -r scene backwards
 sed -i '5{h;d};6{G}' backwards/associations.txt

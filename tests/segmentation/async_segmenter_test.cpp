@@ -4,6 +4,9 @@
 #include <atomic>
 #include <condition_variable>
 #include <functional>
+#include <future>
+#include <limits>
+#include <memory>
 #include <mutex>
 #include <random>
 #include <stdexcept>
@@ -52,8 +55,11 @@ class Gate {
 // Does what it is told; one instance whose label is the grey value of the first pixel.
 class ScriptedSegmenter final : public Segmenter {
  public:
-  explicit ScriptedSegmenter(std::function<void(const FrameInfo&)> script)
-      : script_(std::move(script)) {}
+  using Script = std::function<void(const FrameInfo&)>;
+  using Spoil = std::function<void(const FrameInfo&, Segmentation&)>;
+
+  explicit ScriptedSegmenter(Script script, Spoil spoil = {})
+      : script_(std::move(script)), spoil_(std::move(spoil)) {}
 
   Segmentation segment(const cv::Mat& image, const FrameInfo& frame) override {
     if (script_) script_(frame);
@@ -66,6 +72,7 @@ class ScriptedSegmenter final : public Segmenter {
     instance.box = cv::Rect(0, 0, 1, 1);
     instance.mask = cv::Mat(1, 1, CV_8UC1, cv::Scalar(255));
     result.instances.push_back(instance);
+    if (spoil_) spoil_(frame, result);
     return result;
   }
   const std::vector<std::string>& class_names() const override { return names_; }
@@ -76,7 +83,8 @@ class ScriptedSegmenter final : public Segmenter {
   }
 
  private:
-  std::function<void(const FrameInfo&)> script_;
+  Script script_;
+  Spoil spoil_;
   std::vector<std::string> names_{"thing"};
 };
 
@@ -170,6 +178,65 @@ TEST(AsyncSegmenter, GoesOnAfterAnExceptionAndTellsOfIt) {
   EXPECT_EQ(async.take()->index, 102U);
 }
 
+TEST(AsyncSegmenter, CountsMasksThatAreNoMasksAsFailures) {
+  const std::vector<std::function<void(Segmentation&)>> spoils = {
+      [](Segmentation& s) { s.width = 7; },
+      [](Segmentation& s) { s.height = 0; },
+      [](Segmentation& s) { s.instances[0].mask = cv::Mat(); },
+      [](Segmentation& s) { s.instances[0].mask = cv::Mat(2, 1, CV_8UC1, cv::Scalar(255)); },
+      [](Segmentation& s) { s.instances[0].mask = cv::Mat(1, 1, CV_32FC1, cv::Scalar(1)); },
+      [](Segmentation& s) { s.instances[0].box = cv::Rect(); },
+      [](Segmentation& s) { s.instances[0].box.x = -1; },
+      [](Segmentation& s) { s.instances[0].box.y = 6; },
+      [](Segmentation& s) { s.instances[0].box.width = std::numeric_limits<int>::max(); },
+      [](Segmentation& s) { s.instances[0].box.x = std::numeric_limits<int>::min(); },
+  };
+  const auto spoil = [&](const FrameInfo& frame, Segmentation& found) {
+    if (frame.index < spoils.size()) spoils[frame.index](found);
+  };
+  AsyncSegmenter async(std::make_unique<ScriptedSegmenter>(ScriptedSegmenter::Script(), spoil));
+  for (std::uint64_t i = 0; i <= spoils.size(); ++i) {
+    async.submit(image_of(1), frame_of(i));
+    ASSERT_TRUE(async.wait_idle(seconds(20)));
+    EXPECT_EQ(async.status().failed, std::min<std::uint64_t>(i + 1, spoils.size()));
+  }
+  EXPECT_NE(async.status().last_error.find("a box inside the image"), std::string::npos);
+  EXPECT_EQ(async.take()->index, spoils.size());
+  EXPECT_FALSE(async.take().has_value());
+}
+
+TEST(AsyncSegmenter, LeavesBehindASegmenterThatHangs) {
+  const auto gate = std::make_shared<Gate>();
+  const auto gone = std::make_shared<std::promise<void>>();
+  std::shared_ptr<void> life(nullptr, [gone](void*) { gone->set_value(); });
+  AsyncOptions options;
+  options.patience = milliseconds(20);
+  {
+    AsyncSegmenter async(
+        scripted([gate, life = std::move(life)](const FrameInfo&) { gate->pass(); }), options);
+    async.submit(image_of(0), frame_of(7));
+    gate->wait_for_arrival();
+    async.submit(image_of(0), frame_of(8));
+    EXPECT_FALSE(async.finish());
+    const AsyncStatus status = async.status();
+    EXPECT_TRUE(status.overdue);
+    EXPECT_EQ(status.busy_index, 7U);
+    EXPECT_EQ(status.waiting, 0U);
+  }
+  gate->open();
+  EXPECT_EQ(gone->get_future().wait_for(seconds(20)), std::future_status::ready);
+}
+
+TEST(AsyncSegmenter, FinishesTheFrameInWork) {
+  AsyncSegmenter async(
+      scripted([](const FrameInfo&) { std::this_thread::sleep_for(milliseconds(20)); }));
+  async.submit(image_of(3), frame_of(3));
+  while (!async.status().busy && async.status().finished == 0) std::this_thread::yield();
+  EXPECT_TRUE(async.finish());
+  EXPECT_FALSE(async.status().overdue);
+  EXPECT_EQ(async.take()->index, 3U);
+}
+
 TEST(AsyncSegmenter, KeepsOnlySoManyResults) {
   AsyncOptions options;
   options.result_capacity = 2;
@@ -223,6 +290,9 @@ TEST(AsyncOptions, AreCheckedByName) {
   EXPECT_THROW(options.validate(), InvalidArgument);
   options = {};
   options.niceness = 20;
+  EXPECT_THROW(options.validate(), InvalidArgument);
+  options = {};
+  options.patience = milliseconds(-1);
   EXPECT_THROW(options.validate(), InvalidArgument);
 }
 

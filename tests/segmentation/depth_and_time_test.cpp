@@ -415,6 +415,10 @@ TEST(MaskPropagator, RefusesFramesOutOfOrder) {
   Segmentation other = of_mask(scene.person);
   other.width = 3;
   EXPECT_THROW(propagator.set_segmentation(5, other), InvalidArgument);
+  other = of_mask(scene.person);
+  other.instances.at(0).mask.release();
+  EXPECT_THROW(propagator.set_segmentation(5, other), InvalidArgument);
+  EXPECT_FALSE(propagator.current().has_value());
   PropagatedSegmentation result;
   EXPECT_THROW(result.soft_mask({}, -1), InvalidArgument);
   result.segmentation = of_mask(scene.person);

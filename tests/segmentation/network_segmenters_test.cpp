@@ -78,8 +78,9 @@ TEST(Darknet, StretchesTheImageToItsInput) {
 TEST(Darknet, RefusesWhatIsNotANetwork) {
   const std::string weights = test_file("tiny_darknet.weights");
   const auto refused = [&](const std::string& cfg) {
-    std::ofstream("bad.cfg") << cfg;
-    return message_of<IoError>([&] { DarknetSegmenter segmenter("bad.cfg", weights); });
+    const std::string bad = scratch_path("bad.cfg");
+    std::ofstream(bad) << cfg;
+    return message_of<IoError>([&] { DarknetSegmenter segmenter(bad, weights); });
   };
   EXPECT_NE(refused("hello").find("[net]"), std::string::npos);
   EXPECT_NE(refused("[net]\nwidth=x\nheight=32\n").find("[net]"), std::string::npos);

@@ -47,15 +47,15 @@ TEST(YoloV4Tiny, ReadsBothOfItsHeads) {
 TEST(YoloV4Tiny, RefusesWeightsThatAreCutShort) {
   const std::string cfg = test_file("tiny_yolov4.cfg");
   const std::string whole = bytes_of(test_file("tiny_yolov4.weights"));
+  const std::string cut = scratch_path("short.weights");
   for (const std::size_t length : {whole.size() - 1, whole.size() / 2, std::size_t{20}}) {
-    std::ofstream("short.weights", std::ios::binary) << whole.substr(0, length);
-    const std::string message =
-        message_of<IoError>([&] { DarknetSegmenter segmenter(cfg, "short.weights"); });
+    std::ofstream(cut, std::ios::binary) << whole.substr(0, length);
+    const std::string message = message_of<IoError>([&] { DarknetSegmenter segmenter(cfg, cut); });
     EXPECT_NE(message.find("short.weights"), std::string::npos) << message;
     EXPECT_NE(message.find("cut short"), std::string::npos) << message;
   }
-  std::ofstream("short.weights", std::ios::binary) << "abc";
-  EXPECT_THROW(DarknetSegmenter(cfg, "short.weights"), IoError);
+  std::ofstream(cut, std::ios::binary) << "abc";
+  EXPECT_THROW(DarknetSegmenter(cfg, cut), IoError);
 }
 
 TEST(DarknetCfg, CountsTheWeightsOfARealNetwork) {
@@ -124,8 +124,9 @@ TEST(MaskRcnnTensorflow, RefusesOtherGraphsNamesAndBackends) {
             std::string::npos);
   EXPECT_NE(refused("none.pb", "").find("none.pb"), std::string::npos);
   EXPECT_NE(refused(graph, "none.pbtxt").find("none.pbtxt"), std::string::npos);
-  std::ofstream("half.pb", std::ios::binary) << bytes_of(graph).substr(0, 9000);
-  EXPECT_NE(refused("half.pb", "").find("half.pb"), std::string::npos);
+  const std::string half = scratch_path("half.pb");
+  std::ofstream(half, std::ios::binary) << bytes_of(graph).substr(0, 9000);
+  EXPECT_NE(refused(half, "").find("half.pb"), std::string::npos);
   NetworkOptions options = size_32();
   options.class_names = {"one", "two"};
   EXPECT_THROW(MaskRcnnTensorflowSegmenter(graph, "", options), InvalidArgument);

@@ -22,7 +22,7 @@ class Recorded : public testing::Test {
  protected:
   Recorded() {
     const auto* test = testing::UnitTest::GetInstance()->current_test_info();
-    folder_ = fs::path("recorded_masks") / test->name();
+    folder_ = scratch_path(test->name());
     fs::remove_all(folder_);
     fs::create_directories(folder_);
     labels_ = cv::Mat::zeros(40, 60, CV_8UC1);

@@ -217,7 +217,7 @@ TEST(YoloSegSegmenter, PrefersTheNamesItIsGiven) {
 
 TEST(YoloSegSegmenter, RefusesWhatIsNotANetworkInOneSentence) {
   const auto refused = [](const std::string& content, const std::string& expected) {
-    const std::string path = "not_a_network.onnx";
+    const std::string path = scratch_path("not_a_network.onnx");
     std::ofstream(path, std::ios::binary) << content;
     const std::string message = message_of<IoError>([&] { YoloSegSegmenter segmenter(path); });
     EXPECT_NE(message.find(path), std::string::npos) << message;

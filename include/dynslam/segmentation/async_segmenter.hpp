@@ -24,12 +24,16 @@ struct AsyncResult {
 struct AsyncStatus {
   std::uint64_t submitted = 0;  ///< frames that `submit` accepted
   std::uint64_t finished = 0;   ///< frames that were segmented
-  std::uint64_t failed = 0;     ///< frames at which the segmenter threw; the worker goes on
-  std::uint64_t replaced = 0;   ///< frames that gave way to a newer one before their turn
-  std::uint64_t waiting = 0;    ///< frames in the queue
-  bool busy = false;            ///< a frame is being segmented right now
-  bool stopped = false;         ///< `stop` was called: no frame is accepted any more
-  std::string last_error;       ///< message of the latest exception, empty if there was none
+  /// Frames at which the segmenter threw, or gave what is not sound (`require_sound`); the worker
+  /// goes on.
+  std::uint64_t failed = 0;
+  std::uint64_t replaced = 0;           ///< frames that gave way to a newer one before their turn
+  std::uint64_t waiting = 0;            ///< frames in the queue
+  bool busy = false;                    ///< a frame is being segmented right now
+  std::uint64_t busy_index = 0;         ///< `FrameInfo::index` of that frame
+  bool overdue = false;                 ///< and for longer than `AsyncOptions::patience`
+  bool stopped = false;                 ///< `stop` was called: no frame is accepted any more
+  std::string last_error;               ///< message of the latest failure, empty if there was none
   std::uint64_t last_failed_index = 0;  ///< `FrameInfo::index` of the frame it happened at
 };
 
@@ -42,6 +46,9 @@ struct AsyncOptions {
   /// two frames, tracking for a part of it at once (engineering). Threads that the segmenter has of
   /// its own (ONNX Runtime with more than one) do not hear of it.
   int niceness = 5;
+  /// How long a frame may be in work before the segmenter counts as hung, 0 ms .. 1 day
+  /// (engineering: many times what the slowest network takes).
+  std::chrono::milliseconds patience = std::chrono::seconds(30);
 
   /// Throws InvalidArgument naming the member that breaks its rule.
   void validate() const;
@@ -49,9 +56,11 @@ struct AsyncOptions {
 
 /// Runs a segmenter on a worker thread; the newest frame wins.
 ///
-/// Constructing it is what asks for the thread. Destruction lets the frame in work finish (a
-/// forward cannot be interrupted), drops the waiting ones and joins. All members may be called from
-/// any thread at any time, except the destructor.
+/// Constructing it is what asks for the thread. Destruction is `finish`, then the end of the
+/// thread. A thread whose segmenter hangs cannot be ended: it is left behind with the segmenter,
+/// which goes when its call returns, if ever; so what a segmenter refers to should outlive the
+/// program's interest in it. All members may be called from any thread at any time, except the
+/// destructor.
 class AsyncSegmenter {
  public:
   /// Takes the segmenter over. Throws InvalidArgument if it is null or an option breaks its rule.
@@ -79,6 +88,10 @@ class AsyncSegmenter {
   /// of times.
   void stop();
 
+  /// `stop`, then waits for the frame in work (a forward cannot be interrupted) until it is
+  /// overdue. False if it is: the segmenter hangs.
+  bool finish();
+
   AsyncStatus status() const;
 
   /// Of the segmenter; constant, so safe beside the worker.
@@ -87,7 +100,7 @@ class AsyncSegmenter {
 
  private:
   struct Impl;
-  std::unique_ptr<Impl> impl_;
+  std::shared_ptr<Impl> impl_;  // with the worker
 };
 
 }  // namespace dynslam::segmentation

@@ -76,7 +76,8 @@ class MaskPropagator {
 
   /// A segmentation of frame `index`, which may be older than the newest. False, and nothing
   /// happens, if that frame is not remembered any more or a newer segmentation is known already.
-  /// Throws InvalidArgument if its size is not that of the frames.
+  /// Throws InvalidArgument, and keeps what it has, if the size is not that of the frames or an
+  /// instance is not what a segmenter promises (`require_sound`).
   bool set_segmentation(std::uint64_t index, Segmentation segmentation);
 
   /// The newest segmentation in the newest frame; nothing before both are there, or when it is

@@ -98,6 +98,12 @@ class Segmenter {
 /// segmenter of their own.
 void require_segmentable(const char* function, const cv::Mat& image, const FrameInfo& frame);
 
+/// Throws InvalidArgument in the name of `function` unless `segmentation` is what
+/// `Segmenter::segment` promises for an image of size `image`: of that size, every box inside it
+/// and every mask 8UC1 of its box's size. For those who take the word of a segmenter that somebody
+/// else wrote. O(instances).
+void require_sound(const char* function, const Segmentation& segmentation, cv::Size image);
+
 /// The file name of a frame without folder and without an image file's
 /// extension (png, jpg, jpeg, bmp, pgm, ppm, tif, tiff): "rgb/1000.066667.jpg"
 /// and "1000.066667" both give "1000.066667".
