@@ -1,7 +1,6 @@
 #include "dynslam/slam/system.hpp"
 
 #include <algorithm>
-#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <map>
