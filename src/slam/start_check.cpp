@@ -37,10 +37,7 @@ bool StartCheck::is_due(double timestamp) const {
 std::optional<RigidTransform> StartCheck::contradict(Span<const RigidTransform> motions,
                                                      TrackedFrame& frame) {
   ++looks_;
-  if (frame.depth.empty()) return std::nullopt;
-  if (frame.surface.empty()) {
-    build_surface_grid(frame.depth, frame.gray_cells, camera_, frame.surface);
-  }
+  if (!ensure_surface(camera_, frame)) return std::nullopt;
   const auto agreement = [&](const RigidTransform& T_first_cam) {
     return measure_fit(first_.surface, frame.surface, camera_, T_first_cam, kStep).agree;
   };

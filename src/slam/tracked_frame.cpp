@@ -2,6 +2,14 @@
 
 namespace dynslam::slam {
 
+bool ensure_surface(const PinholeCamera& camera, TrackedFrame& frame) {
+  if (frame.depth.empty()) return false;
+  if (frame.surface.empty()) {
+    build_surface_grid(frame.depth, frame.gray_cells, camera, frame.surface);
+  }
+  return true;
+}
+
 FeaturesView view_of(const TrackedFrame& frame) {
   FeaturesView view;
   if (!frame.features) return view;

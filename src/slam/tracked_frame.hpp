@@ -28,7 +28,7 @@ struct TrackedFrame {
   cv::Mat gray;                        ///< CV_8UC1
   cv::Mat gray_cells;                  ///< the image at a quarter of its size, CV_8UC1
   cv::Mat cell_trust;                  ///< MoverDetector::trust; may be empty
-  SurfaceGrid surface;                 ///< of depth and gray_cells once asked for
+  SurfaceGrid surface;                 ///< of depth and gray_cells once `ensure_surface` is called
   std::vector<PointId> points;         ///< by feature; kNoId = none
   std::vector<std::uint8_t> moving;    ///< by feature: 1 when geometry says that it moves
   std::vector<float> staticness;       ///< by feature: what geometry believes, 0..1; NaN = no idea
@@ -47,6 +47,9 @@ struct TrackedFrame {
     staticness.assign(features->size(), std::numeric_limits<float>::quiet_NaN());
   }
 };
+
+/// Builds the surface of a frame, unless it is there already; false without depth. O(pixels).
+bool ensure_surface(const PinholeCamera& camera, TrackedFrame& frame);
 
 /// What became of the features of a frame that was tracked.
 FeaturesView view_of(const TrackedFrame& frame);

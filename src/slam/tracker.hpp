@@ -79,7 +79,7 @@ class Tracker {
   void forget_alignment() {
     motion_.forget_prediction();
     prior_.reset();
-    depth_aligned_ = wide_step_ = false;
+    wide_step_ = false;
   }
 
   void set_velocity(const RigidTransform& T_cam_last) { velocity_ = predicted_ = T_cam_last; }
@@ -125,8 +125,6 @@ class Tracker {
   void keep_background(const Map& map, const TrackedFrame& last,
                        const geometry::DepthCheck& depth_check, TrackedFrame& frame);
   void set_prior(const TrackedFrame& last, const SurfaceAlignment& alignment);
-  /// Builds the surfaces of both frames, unless they are there already; false without depth.
-  bool build_surfaces(TrackedFrame& last, TrackedFrame& frame) const;
   void predict_from_last(const Map& map, const TrackedFrame& last, double radius,
                          const RigidTransform& T_cam_world);
   void predict_from_map(const RigidTransform& T_cam_world, double radius);
@@ -159,7 +157,7 @@ class Tracker {
   MotionFilter motion_;
   std::optional<Matrix6d> covariance_;  // of the pose that was optimized last
   double step_ = 0.0;                   // seconds since the last frame
-  bool depth_aligned_ = false, wide_step_ = false;
+  bool wide_step_ = false;
   TrackerTimes times_;
   Predictions predictions_;
   std::vector<Match> found_;

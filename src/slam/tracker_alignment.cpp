@@ -32,24 +32,15 @@ void Tracker::set_prior(const TrackedFrame& last, const SurfaceAlignment& alignm
   prior_ = prior;
 }
 
-bool Tracker::build_surfaces(TrackedFrame& last, TrackedFrame& frame) const {
-  for (TrackedFrame* f : {&last, &frame}) {
-    if (f->depth.empty()) return false;
-    if (f->surface.empty()) build_surface_grid(f->depth, f->gray_cells, camera_, f->surface);
-  }
-  return true;
-}
-
 bool Tracker::align_depth(TrackedFrame& last, TrackedFrame& frame) {
   const ScopedTimer timer(times_.match);
-  if (!build_surfaces(last, frame)) return false;
+  if (!ensure_surface(camera_, last) || !ensure_surface(camera_, frame)) return false;
   last.surface.trust.release();
   for (const RigidTransform& guess : {velocity_.inverse(), RigidTransform()}) {
     const auto alignment = align_surfaces(last.surface, frame.surface, camera_, guess);
     if (!alignment) continue;
     velocity_ = predicted_ = alignment->T_from_to.inverse();
     set_prior(last, *alignment);
-    depth_aligned_ = true;
     return true;
   }
   return false;
@@ -88,7 +79,7 @@ std::vector<RigidTransform> Tracker::guess_by_descriptors(const TrackedFrame& la
 
 bool Tracker::align_wide_step(TrackedFrame& last, TrackedFrame& frame) {
   const ScopedTimer timer(times_.match);
-  if (!build_surfaces(last, frame)) return false;
+  if (!ensure_surface(camera_, last) || !ensure_surface(camera_, frame)) return false;
   last.surface.trust = last.cell_trust;
   std::vector<RigidTransform> guesses = guess_by_descriptors(last, frame);
   guesses.insert(guesses.begin(), {velocity_.inverse(), RigidTransform()});
@@ -104,13 +95,12 @@ bool Tracker::align_wide_step(TrackedFrame& last, TrackedFrame& frame) {
       (kAlignmentTrust * alignment.information).inverse() + Matrix6d(systematic.asDiagonal());
   alignment.information = covariance.inverse() / kAlignmentTrust;
   set_prior(last, alignment);
-  depth_aligned_ = true;
   return true;
 }
 
 void Tracker::align_background(TrackedFrame& last, TrackedFrame& frame) {
   const ScopedTimer timer(times_.match);
-  if (!build_surfaces(last, frame)) return;
+  if (!ensure_surface(camera_, last) || !ensure_surface(camera_, frame)) return;
   last.surface.trust = last.cell_trust;
   AlignmentOptions options;
   options.first_gate = 0.12;
