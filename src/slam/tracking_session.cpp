@@ -321,9 +321,10 @@ void TrackingSession::find_movers(FrameResult& result, TrackingLock& lock) {
 // Finds the pose of the current frame; the state says how that went.
 bool TrackingSession::locate(FrameResult& result, TrackingLock& lock) {
   if (state_ == TrackingState::kNotInitialized) {
+    const bool lost_before = shared_.log.latest_pose(shared_.map).has_value();
     if (!initialize(result, lock)) return false;
     result.inliers = static_cast<int>(shared_.map.point_count());
-    state_ = TrackingState::kTracked;
+    state_ = lost_before ? TrackingState::kRelocalized : TrackingState::kTracked;
     return true;
   }
   if (state_ != TrackingState::kLost && follow(lock)) {

@@ -336,8 +336,12 @@ TEST(System, StartsAnewWhenItIsLostForGoodRightAfterTheStart) {
   }
   FrameInput late = input_of(frames[40]);
   late.timestamp = 10.0;
-  EXPECT_EQ(system.track(late).state, TrackingState::kTracked);
+  // Its pose is a guess, so nobody may take it for tracked from the pose before.
+  EXPECT_EQ(system.track(late).state, TrackingState::kRelocalized);
   EXPECT_EQ(system.trajectory().size(), 2U);
+  FrameInput next = input_of(frames[41]);
+  next.timestamp = 10.0 + 1.0 / 30.0;
+  EXPECT_EQ(system.track(next).state, TrackingState::kTracked);
 }
 
 class SystemContract : public ::testing::Test {

@@ -25,7 +25,8 @@ namespace dynslam::slam {
 enum class TrackingState {
   kNotInitialized,  ///< no map yet: the frame had too few features with depth
   kTracked,         ///< pose from the last frame and the map
-  kRelocalized,     ///< found again by its look alone, or farther off than a camera can move
+  kRelocalized,     ///< found again by its look alone, farther off than a camera can move, or the
+                    ///< first of a new map that begins where the camera was seen last
   kLost,            ///< no pose
 };
 
