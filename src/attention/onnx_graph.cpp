@@ -5,11 +5,16 @@
 #include <set>
 
 #include "dynslam/core/errors.hpp"
-
-#include "attention/protobuf.hpp"
+#include "dynslam/core/protobuf.hpp"
 
 namespace dynslam::attention::onnx {
 namespace {
+
+using protobuf::bytes_of;
+using protobuf::Field;
+using protobuf::FieldReader;
+using protobuf::put_bytes;
+using protobuf::put_number;
 
 // Field numbers of the ONNX schema (onnx.proto3).
 namespace model_field {
@@ -41,23 +46,14 @@ float to_float(std::uint64_t bits) {
 
 /// A repeated number: packed into bytes, or one a field.
 bool append_numbers(const Field& field, std::vector<std::int64_t>& numbers) {
-  if (field.wire == 0) {
+  if (field.is_number()) {
     numbers.push_back(static_cast<std::int64_t>(field.value));
     return true;
   }
-  if (field.wire != 2) return false;
+  if (!field.is_bytes()) return false;
   FieldReader reader(field.bytes);
   while (!reader.at_end()) numbers.push_back(static_cast<std::int64_t>(reader.varint()));
   return !reader.broken();
-}
-
-std::string_view bytes_of(std::string_view message, std::uint32_t number) {
-  FieldReader reader(message);
-  Field field;
-  while (reader.next(field)) {
-    if (field.number == number && field.wire == 2) return field.bytes;
-  }
-  return {};
 }
 
 bool read_attribute(std::string_view encoded, Node& node) {
@@ -155,8 +151,8 @@ void read_model(Span<const std::uint8_t> bytes, const std::string& name, Model& 
   bool has_version = false;
   bool sound = true;
   while (reader.next(field)) {
-    has_version = has_version || (field.number == model_field::kIrVersion && field.wire == 0);
-    if (field.number == model_field::kGraph && field.wire == 2) {
+    has_version = has_version || (field.number == model_field::kIrVersion && field.is_number());
+    if (field.number == model_field::kGraph && field.is_bytes()) {
       ++graphs;
       sound = sound && read_graph(field.bytes, model);
     }
@@ -188,7 +184,7 @@ bool read_tensor(std::string_view encoded, Tensor& tensor) {
     } else if (field.number == tensor_field::kType) {
       type = field.value;
     } else if (field.number == tensor_field::kFloats) {
-      if (field.wire == 5) {
+      if (field.wire == protobuf::kFixed32) {
         tensor.floats.push_back(to_float(field.value));
       } else {
         packed_floats = field.bytes;

@@ -6,96 +6,21 @@
 #include <filesystem>
 #include <fstream>
 #include <iterator>
-#include <optional>
 #include <set>
 #include <string_view>
 #include <system_error>
 
 #include "dynslam/core/errors.hpp"
+#include "dynslam/core/protobuf.hpp"
 
 #include "segmentation/sha256.hpp"
 
 namespace dynslam::segmentation {
 namespace {
 
-// One field of a protocol buffer message: a number, or bytes.
-struct Field {
-  std::uint32_t number = 0;
-  std::uint64_t value = 0;
-  std::string_view bytes;
-  bool is_bytes = false;
-};
-
-// Reads the fields of one message. `next()` is empty at the end; `broken()` says whether the end
-// came because the bytes are no message.
-class FieldReader {
- public:
-  explicit FieldReader(std::string_view message) : rest_(message) {}
-
-  std::optional<Field> next() {
-    if (rest_.empty() || broken_) return std::nullopt;
-    const std::uint64_t key = varint();
-    Field field;
-    field.number = static_cast<std::uint32_t>(key >> 3);
-    switch (key & 7) {
-      case 0:
-        field.value = varint();
-        break;
-      case 1:
-        skip(8);
-        break;
-      case 2:
-        field.bytes = take(varint());
-        field.is_bytes = true;
-        break;
-      case 5:
-        skip(4);
-        break;
-      default:
-        broken_ = true;
-    }
-    if (field.number == 0) broken_ = true;
-    if (broken_) return std::nullopt;
-    return field;
-  }
-  bool broken() const { return broken_; }
-
- private:
-  std::uint64_t varint() {
-    std::uint64_t value = 0;
-    for (int shift = 0; shift < 64; shift += 7) {
-      if (rest_.empty()) break;
-      const auto byte = static_cast<unsigned char>(rest_.front());
-      rest_.remove_prefix(1);
-      value |= static_cast<std::uint64_t>(byte & 127) << shift;
-      if (byte < 128) return value;
-    }
-    broken_ = true;
-    return 0;
-  }
-  std::string_view take(std::uint64_t count) {
-    if (broken_ || count > rest_.size()) {
-      broken_ = true;
-      return {};
-    }
-    const std::string_view taken = rest_.substr(0, static_cast<std::size_t>(count));
-    rest_.remove_prefix(static_cast<std::size_t>(count));
-    return taken;
-  }
-  void skip(std::uint64_t count) { take(count); }
-
-  std::string_view rest_;
-  bool broken_ = false;
-};
-
-// The first field of a message with this number that holds bytes.
-std::string_view bytes_of(std::string_view message, std::uint32_t number) {
-  FieldReader reader(message);
-  while (const auto field = reader.next()) {
-    if (field->number == number && field->is_bytes) return field->bytes;
-  }
-  return {};
-}
+using protobuf::bytes_of;
+using protobuf::Field;
+using protobuf::FieldReader;
 
 // ValueInfoProto: name = 1, type = 2 > tensor_type = 1 > shape = 2 > dim = 1 > dim_value = 1.
 TensorInfo tensor_info(std::string_view value_info) {
@@ -103,12 +28,14 @@ TensorInfo tensor_info(std::string_view value_info) {
   info.name = std::string(bytes_of(value_info, 1));
   const std::string_view tensor = bytes_of(bytes_of(value_info, 2), 1);
   FieldReader dims(bytes_of(tensor, 2));
-  while (const auto dim = dims.next()) {
-    if (dim->number != 1 || !dim->is_bytes) continue;
+  Field dim;
+  while (dims.next(dim)) {
+    if (dim.number != 1 || !dim.is_bytes()) continue;
     std::int64_t size = -1;
-    FieldReader reader(dim->bytes);
-    while (const auto field = reader.next()) {
-      if (field->number == 1 && !field->is_bytes) size = static_cast<std::int64_t>(field->value);
+    FieldReader reader(dim.bytes);
+    Field field;
+    while (reader.next(field)) {
+      if (field.number == 1 && !field.is_bytes()) size = static_cast<std::int64_t>(field.value);
     }
     info.shape.push_back(size > 0 ? size : -1);
   }
@@ -119,11 +46,12 @@ TensorInfo tensor_info(std::string_view value_info) {
 bool read_graph(std::string_view graph, OnnxFile& file) {
   std::set<std::string, std::less<>> weights;
   FieldReader reader(graph);
-  while (const auto field = reader.next()) {
-    if (!field->is_bytes) continue;
-    if (field->number == 5) weights.emplace(bytes_of(field->bytes, 8));
-    if (field->number == 11) file.inputs.push_back(tensor_info(field->bytes));
-    if (field->number == 12) file.outputs.push_back(tensor_info(field->bytes));
+  Field field;
+  while (reader.next(field)) {
+    if (!field.is_bytes()) continue;
+    if (field.number == 5) weights.emplace(bytes_of(field.bytes, 8));
+    if (field.number == 11) file.inputs.push_back(tensor_info(field.bytes));
+    if (field.number == 12) file.outputs.push_back(tensor_info(field.bytes));
   }
   const auto is_weight = [&](const TensorInfo& t) { return weights.count(t.name) > 0; };
   file.inputs.erase(std::remove_if(file.inputs.begin(), file.inputs.end(), is_weight),
@@ -153,15 +81,15 @@ OnnxFile read_onnx_file(const std::string& path) {
   bool has_version = false;
   bool has_graph = false;
   bool sound = true;
-  while (const auto field = reader.next()) {
-    has_version |= field->number == 1 && !field->is_bytes;
-    if (field->number == 7 && field->is_bytes) {
+  Field field;
+  while (reader.next(field)) {
+    has_version |= field.number == 1 && !field.is_bytes();
+    if (field.number == 7 && field.is_bytes()) {
       has_graph = true;
-      sound &= read_graph(field->bytes, file);
+      sound &= read_graph(field.bytes, file);
     }
-    if (field->number == 14 && field->is_bytes) {
-      file.metadata[std::string(bytes_of(field->bytes, 1))] =
-          std::string(bytes_of(field->bytes, 2));
+    if (field.number == 14 && field.is_bytes()) {
+      file.metadata[std::string(bytes_of(field.bytes, 1))] = std::string(bytes_of(field.bytes, 2));
     }
   }
   if (reader.broken() || !sound || !has_version || !has_graph) {

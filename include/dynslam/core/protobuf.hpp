@@ -1,12 +1,19 @@
-// Protocol buffers on the wire: a message is a sequence of numbered fields.
+// Protocol buffers on the wire, as in ONNX files: a message is a sequence of numbered fields.
+//
+// Enough to read what a schema says and to write it again, without the protobuf library. Nothing
+// here owns memory or throws; views are valid as long as the bytes they were made from. O(bytes);
+// thread-safe for readers of their own. Source: the encoding guide of protocol buffers.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
-#include <cstring>
 #include <string>
 #include <string_view>
 
-namespace dynslam::attention::onnx {
+namespace dynslam::protobuf {
+
+/// How a field is written.
+constexpr std::uint32_t kVarint = 0, kFixed64 = 1, kBytes = 2, kFixed32 = 5;
 
 /// One field: a number, or bytes. `encoded` is all of it, key included.
 struct Field {
@@ -15,6 +22,9 @@ struct Field {
   std::uint64_t value = 0;
   std::string_view bytes;
   std::string_view encoded;
+
+  bool is_number() const { return wire == kVarint; }
+  bool is_bytes() const { return wire == kBytes; }
 };
 
 /// Reads the fields of one message. `next` is false at the end; `broken()` says whether the end
@@ -30,13 +40,13 @@ class FieldReader {
     field = Field();
     field.number = static_cast<std::uint32_t>(key >> 3);
     field.wire = static_cast<std::uint32_t>(key & 7);
-    if (field.wire == 0) {
+    if (field.wire == kVarint) {
       field.value = varint();
-    } else if (field.wire == 1) {
+    } else if (field.wire == kFixed64) {
       field.bytes = take(8);
-    } else if (field.wire == 2) {
+    } else if (field.wire == kBytes) {
       field.bytes = take(varint());
-    } else if (field.wire == 5) {
+    } else if (field.wire == kFixed32) {
       field.bytes = take(4);
       if (!broken_) {
         std::uint32_t bits = 0;
@@ -84,6 +94,17 @@ class FieldReader {
   bool broken_ = false;
 };
 
+/// The bytes of the first field with this number that holds any; empty if there is none.
+inline std::string_view bytes_of(std::string_view message, std::uint32_t number) {
+  FieldReader reader(message);
+  Field field;
+  while (reader.next(field)) {
+    if (field.number == number && field.is_bytes()) return field.bytes;
+  }
+  return {};
+}
+
+/// Each of these appends to `out`.
 inline void put_varint(std::string& out, std::uint64_t value) {
   while (value >= 128) {
     out.push_back(static_cast<char>((value & 127) | 128));
@@ -96,9 +117,9 @@ inline void put_number(std::string& out, std::uint32_t field, std::uint64_t valu
   put_varint(out, value);
 }
 inline void put_bytes(std::string& out, std::uint32_t field, std::string_view bytes) {
-  put_varint(out, std::uint64_t{field} << 3 | 2);
+  put_varint(out, std::uint64_t{field} << 3 | kBytes);
   put_varint(out, bytes.size());
   out.append(bytes);
 }
 
-}  // namespace dynslam::attention::onnx
+}  // namespace dynslam::protobuf
