@@ -7,7 +7,6 @@
 
 #include "dynslam/core/files.hpp"
 
-#include "attention/files.hpp"
 #include "attention/flat_layer.hpp"
 #include "attention/onnx_graph.hpp"
 #include "attention/onnx_match.hpp"
@@ -221,8 +220,8 @@ OnnxFusion fuse_onnx(Span<const std::uint8_t> bytes, const std::string& name) {
 }
 
 OnnxFusion fuse_onnx_file(const std::string& input, const std::string& output) {
-  const std::vector<std::uint8_t> bytes = detail::read_file(input);
-  OnnxFusion fusion = fuse_onnx(bytes, input);
+  const std::string bytes = read_file(input);
+  OnnxFusion fusion = fuse_onnx(as_bytes(bytes), input);
   write_file_atomically(output, fusion.bytes);
   return fusion;
 }

@@ -2,8 +2,6 @@
 
 #include <algorithm>
 #include <cstring>
-#include <fstream>
-#include <iterator>
 #include <limits>
 #include <set>
 #include <utility>
@@ -11,8 +9,7 @@
 #include <nlohmann/json.hpp>
 
 #include "dynslam/core/errors.hpp"
-
-#include "attention/files.hpp"
+#include "dynslam/core/files.hpp"
 
 namespace dynslam::attention {
 namespace {
@@ -216,8 +213,8 @@ SafeTensors SafeTensors::parse(Span<const std::uint8_t> bytes, const std::string
 }
 
 SafeTensors SafeTensors::read(const std::string& path) {
-  const std::vector<std::uint8_t> bytes = detail::read_file(path);
-  return parse(bytes, path);
+  const std::string bytes = read_file(path);
+  return parse(as_bytes(bytes), path);
 }
 
 bool SafeTensors::contains(std::string_view name) const {

@@ -25,8 +25,9 @@ bool is_image_name(const fs::path& path) {
 std::string read_file(const fs::path& path) {
   std::error_code error;
   const fs::file_status status = fs::status(path, error);
-  if (!fs::exists(status)) throw_io_error(path.string(), "there is no such file");
-  if (!fs::is_regular_file(status)) throw_io_error(path.string(), "is no regular file");
+  if (fs::exists(status) && !fs::is_regular_file(status)) {
+    throw_io_error(path.string(), "is no regular file");
+  }
   return dynslam::read_file(path.string());
 }
 

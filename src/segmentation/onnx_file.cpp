@@ -3,14 +3,11 @@
 #include <algorithm>
 #include <cctype>
 #include <cstdint>
-#include <filesystem>
-#include <fstream>
-#include <iterator>
 #include <set>
 #include <string_view>
-#include <system_error>
 
 #include "dynslam/core/errors.hpp"
+#include "dynslam/core/files.hpp"
 #include "dynslam/core/protobuf.hpp"
 
 #include "segmentation/sha256.hpp"
@@ -62,12 +59,7 @@ bool read_graph(std::string_view graph, OnnxFile& file) {
 }  // namespace
 
 std::string read_file_bytes(const std::string& path) {
-  std::error_code error;
-  if (!std::filesystem::exists(path, error)) throw_io_error(path, "there is no such file");
-  if (std::filesystem::is_directory(path, error)) throw_io_error(path, "is a folder, not a file");
-  std::ifstream stream(path, std::ios::binary);
-  std::string bytes{std::istreambuf_iterator<char>(stream), std::istreambuf_iterator<char>()};
-  if (!stream) throw_io_error(path, "cannot be read");
+  std::string bytes = read_file(path);
   if (bytes.empty()) throw_io_error(path, "is empty");
   return bytes;
 }

@@ -100,8 +100,11 @@ TEST_F(Files, DevicesAreWrittenDirectly) {
 TEST_F(Files, ErrorsNameTheFile) {
   EXPECT_NE(error_of([&] { AtomicFile{file("")}; }).find("it is a folder"), std::string::npos);
   EXPECT_NE(error_of([&] { AtomicFile{file("no/a")}; }).find(file("no/a")), std::string::npos);
-  EXPECT_NE(error_of([&] { read_file(file("no")); }).find(file("no")), std::string::npos);
-  EXPECT_NE(error_of([&] { read_file(folder_.string()); }).find(folder_.string()),
+  EXPECT_NE(error_of([&] { read_file(file("no")); }).find(file("no") + ": there is no such file"),
+            std::string::npos);
+  EXPECT_NE(error_of([&] {
+              read_file(folder_.string());
+            }).find(folder_.string() + ": is a folder, not a file"),
             std::string::npos);
 }
 

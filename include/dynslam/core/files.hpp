@@ -4,6 +4,7 @@
 #include <atomic>
 #include <cerrno>
 #include <cstddef>
+#include <cstdint>
 #include <cstdio>
 #include <filesystem>
 #include <string>
@@ -16,6 +17,7 @@
 #include <unistd.h>
 
 #include "dynslam/core/errors.hpp"
+#include "dynslam/core/span.hpp"
 
 namespace dynslam {
 
@@ -132,8 +134,8 @@ inline void write_file_atomically(const std::string& path, std::string_view byte
   file.commit(durable);
 }
 
-/// The bytes of a file, or of what a pipe delivers. Throws IoError with the system's reason.
-/// O(bytes).
+/// The bytes of a file, or of what a pipe delivers. Throws IoError if there is no such file, if it
+/// is a folder, and with the system's reason if it cannot be read. O(bytes).
 inline std::string read_file(const std::string& path) {
   const auto fail = [&](const char* what, int error) {
     throw_io_error(path, std::string(what) + ": " + std::generic_category().message(error));
@@ -144,13 +146,14 @@ inline std::string read_file(const std::string& path) {
       if (fd >= 0) ::close(fd);
     }
   } const file{::open(path.c_str(), O_RDONLY | O_CLOEXEC)};
+  if (file.fd < 0 && errno == ENOENT) throw_io_error(path, "there is no such file");
   if (file.fd < 0) fail("cannot be opened for reading", errno);
   struct stat info {};
+  if (::fstat(file.fd, &info) != 0) fail("cannot be read", errno);
+  if (S_ISDIR(info.st_mode)) throw_io_error(path, "is a folder, not a file");
   std::string bytes;
   // One byte more than there are, so that the end is met without growing.
-  if (::fstat(file.fd, &info) == 0 && S_ISREG(info.st_mode)) {
-    bytes.resize(static_cast<std::size_t>(info.st_size) + 1);
-  }
+  if (S_ISREG(info.st_mode)) bytes.resize(static_cast<std::size_t>(info.st_size) + 1);
   std::size_t used = 0;
   for (;;) {
     if (used == bytes.size()) bytes.resize(bytes.empty() ? 65536 : 2 * bytes.size());
@@ -161,6 +164,11 @@ inline std::string read_file(const std::string& path) {
   }
   bytes.resize(used);
   return bytes;
+}
+
+/// The same bytes for who counts in numbers; valid as long as `bytes` is.
+inline Span<const std::uint8_t> as_bytes(std::string_view bytes) {
+  return {reinterpret_cast<const std::uint8_t*>(bytes.data()), bytes.size()};
 }
 
 }  // namespace dynslam
