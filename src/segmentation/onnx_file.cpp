@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <set>
 #include <string_view>
+#include <utility>
 
 #include "dynslam/core/errors.hpp"
 #include "dynslam/core/files.hpp"
@@ -65,9 +66,13 @@ std::string read_file_bytes(const std::string& path) {
 }
 
 OnnxFile read_onnx_file(const std::string& path) {
+  return parse_onnx_file(read_file_bytes(path), path);
+}
+
+OnnxFile parse_onnx_file(std::string bytes, const std::string& path) {
   OnnxFile file;
   file.path = path;
-  file.bytes = read_file_bytes(path);
+  file.bytes = std::move(bytes);
   // ModelProto: ir_version = 1, graph = 7, metadata_props = 14 (key = 1, value = 2).
   FieldReader reader(file.bytes);
   bool has_version = false;

@@ -23,6 +23,9 @@ struct OnnxFile {
 /// at least one input and one output.
 OnnxFile read_onnx_file(const std::string& path);
 
+/// The same for bytes in memory; `path` is for messages.
+OnnxFile parse_onnx_file(std::string bytes, const std::string& path);
+
 /// The whole file; throws IoError if it cannot be read or is empty.
 std::string read_file_bytes(const std::string& path);
 

@@ -1,9 +1,5 @@
 // libFuzzer over the two formats that attention reads: safetensors, and ONNX files to fuse. The
 // first byte says which. Anything but IoError is a bug, and so is reading outside of the bytes.
-//
-//   cmake --preset asan && cmake --build --preset asan --target attention_files_fuzz
-//   build/asan/tests/attention/attention_files_fuzz -max_total_time=600 <scratch> \
-//     tests/fuzz/corpus/attention
 #include <cstddef>
 #include <cstdint>
 
