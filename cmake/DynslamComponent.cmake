@@ -72,7 +72,8 @@ endfunction()
 #   [BUILD_PACKAGES "<name> ..."...]  packages that only building the room needs
 #   [LINK_PUBLIC <target>...]         what the room's headers need
 #   [LINK_PRIVATE <target>...]        what only its sources need
-#   [PRECOMPILE <header>...]          what most of its files read first, see DynslamTargets.cmake
+#   [PRECOMPILE <header>...]          what most of its sources or headers read first, see
+#                                     DynslamTargets.cmake
 #   [HEADER_CHECK_EXCLUDE <file>...]  relative to include/dynslam/<room>
 #   [HEADER_CHECK_LINK <target>...]   what the headers need that the room does not link)
 #
@@ -135,7 +136,7 @@ function(dynslam_add_component room)
   target_link_libraries(${target} ${visible} ${rooms_below} ${arg_LINK_PUBLIC})
 
   set_property(GLOBAL APPEND PROPERTY DYNSLAM_ENABLED_ROOMS ${room})
-  foreach(name IN ITEMS DEPENDS PACKAGES HEADER_CHECK_EXCLUDE HEADER_CHECK_LINK)
+  foreach(name IN ITEMS DEPENDS PACKAGES PRECOMPILE HEADER_CHECK_EXCLUDE HEADER_CHECK_LINK)
     set_property(GLOBAL PROPERTY DYNSLAM_${room}_${name} "${arg_${name}}")
   endforeach()
   if(DYNSLAM_INSTALL)
