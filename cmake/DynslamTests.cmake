@@ -26,19 +26,26 @@ function(dynslam_keep_usable_files files_variable link_variable)
 endfunction()
 
 # dynslam_add_tests(<room> [LINK <target>...] [PACKAGES "<name> ..."...]
-#                   [DEFINITIONS <definition>...] [PRECOMPILE <header>...] [SEPARATE])
+#                   [DEFINITIONS <definition>...] [PRECOMPILE <header>...]
+#                   [SEPARATE] [OPTIMIZE])
 #
 # Every tests/<room>/*_test.cpp goes into one executable, <room>_tests, which is the test <room>
 # of ctest. Called without further arguments for a room that has no tests/<room>/CMakeLists.txt.
 #
 # With DYNSLAM_JOIN_SOURCES the files are compiled joined, in a third of the time; SEPARATE
-# are those of a room whose files use the same names for different things.
+# are those of a room whose files use the same names for different things: they share what
+# PRECOMPILE names instead.
+#
+# Under sanitizers the tests are not optimized, which takes half the time to compile. OPTIMIZE is
+# for a room whose tests wait for templates, the room's own or Eigen's: those of the library are
+# linked once, and that may be as the tests compiled them.
 #
 # The tests know DYNSLAM_TEST_DATA_DIR, their own small files in tests/<room>/data, and
 # DYNSLAM_DEFAULT_DATA_DIR, where data sets lie unless the environment's DYNSLAM_DATA says
 # otherwise. They run in a scratch directory of their own room.
 function(dynslam_add_tests room)
-  cmake_parse_arguments(PARSE_ARGV 1 arg "SEPARATE" "" "LINK;PACKAGES;DEFINITIONS;PRECOMPILE")
+  cmake_parse_arguments(PARSE_ARGV 1 arg "SEPARATE;OPTIMIZE" ""
+    "LINK;PACKAGES;DEFINITIONS;PRECOMPILE")
   set(directory "${PROJECT_SOURCE_DIR}/tests/${room}")
   file(GLOB sources CONFIGURE_DEPENDS "${directory}/*_test.cpp")
   dynslam_keep_usable_files(sources adapter_links)
@@ -50,9 +57,10 @@ function(dynslam_add_tests room)
   file(MAKE_DIRECTORY "${scratch}")
   add_executable(${target} ${sources})
   dynslam_apply_build_flags(${target})
-  if(arg_SEPARATE)
-    dynslam_precompile_headers(${target} ${arg_PRECOMPILE})
-  else()
+  if(DYNSLAM_SANITIZE AND NOT arg_OPTIMIZE)
+    target_compile_options(${target} PRIVATE -O0)
+  endif()
+  if(NOT arg_SEPARATE)
     set_target_properties(${target} PROPERTIES UNITY_BUILD ${DYNSLAM_JOIN_SOURCES})
     # A file that replaces operator new stays alone: compilers look through it where they see it.
     foreach(source IN LISTS sources)
@@ -61,6 +69,8 @@ function(dynslam_add_tests room)
         set_source_files_properties("${source}" PROPERTIES SKIP_UNITY_BUILD_INCLUSION ON)
       endif()
     endforeach()
+  elseif(DYNSLAM_JOIN_SOURCES)
+    target_precompile_headers(${target} PRIVATE ${arg_PRECOMPILE})
   endif()
   set_target_properties(${target} PROPERTIES
     RUNTIME_OUTPUT_DIRECTORY "${PROJECT_BINARY_DIR}/tests")
@@ -185,7 +195,7 @@ endfunction()
 # The target header_checks: every public header of every enabled room compiles alone, and twice
 # in a row, in every standard of DYNSLAM_HEADER_CHECK_STANDARDS without a warning. With
 # DYNSLAM_PRECOMPILE_HEADERS, after what the room's sources read first: that hides a header that
-# forgot one of these, and takes a third of the time.
+# forgot one of these, and takes half the time. Headers in detail/ are checked as C++20 only.
 function(dynslam_configure_header_checks)
   add_custom_target(header_checks)
   dynslam_enabled_rooms(rooms)
@@ -220,7 +230,11 @@ function(dynslam_configure_header_checks)
       endif()
       foreach(standard IN LISTS DYNSLAM_HEADER_CHECK_STANDARDS)
         set(target header_checks_${room}_${group}_cxx${standard})
-        add_library(${target} OBJECT EXCLUDE_FROM_ALL ${${group}_sources})
+        set(checked ${${group}_sources})
+        if(standard LESS 20)
+          list(FILTER checked EXCLUDE REGEX "/detail/")
+        endif()
+        add_library(${target} OBJECT EXCLUDE_FROM_ALL ${checked})
         set_target_properties(${target} PROPERTIES
           CXX_STANDARD ${standard} CXX_STANDARD_REQUIRED ON CXX_EXTENSIONS OFF)
         # Nothing of these is ever run: no time is spent on code or debug information.

@@ -243,7 +243,8 @@ consumer add_subdirectory add_subdirectory -DDYNSLAM_TREE="$source_dir" "${witho
 # Both of these only show what is there without a package: not optimized, with the compiler that is
 # then faster, and without what no package changes (header checks, examples).
 without_optimization=(-G Ninja -DCMAKE_CXX_COMPILER=clang++ -DCMAKE_BUILD_TYPE=Debug
-  -DCMAKE_CXX_FLAGS_DEBUG=-O0 -DDYNSLAM_BUILD_EXAMPLES=OFF -DDYNSLAM_WARNINGS_AS_ERRORS=ON)
+  -DCMAKE_CXX_FLAGS_DEBUG=-O0 -DDYNSLAM_BUILD_EXAMPLES=OFF -DDYNSLAM_WARNINGS_AS_ERRORS=ON
+  -DDYNSLAM_JOIN_SOURCES=ON -DDYNSLAM_PRECOMPILE_HEADERS=ON)
 
 begin "from source: $lone_rooms without OpenCV, Ceres and Highway"
 quietly "$logs/lone-rooms.log" cmake -S . -B "$build_root/lone_rooms" "${without_optimization[@]}" \

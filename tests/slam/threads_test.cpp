@@ -10,6 +10,8 @@
 #include "dynslam/evaluation/metrics.hpp"
 #include "dynslam/slam/system.hpp"
 
+#include "sanitized.hpp"
+
 namespace dynslam::slam {
 namespace {
 
@@ -83,7 +85,8 @@ TEST(Threads, TrackingGoesOnAfterFinish) {
 
 TEST(Threads, StopAtAnyMoment) {
   std::mt19937 random(3);
-  for (int run = 0; run < 100; ++run) {
+  constexpr int kRuns = dynslam::testing::kSanitized ? 40 : 100;
+  for (int run = 0; run < kRuns; ++run) {
     System system = make_system(Threading::kBackground);
     const std::size_t frames = random() % 8;
     for (std::size_t i = 0; i < frames; ++i) system.track(input_of(room()[3 * i]));
