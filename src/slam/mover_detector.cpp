@@ -23,6 +23,7 @@ constexpr float kLeastTrust = 0.05F;         // in what does not move as far as 
 constexpr double kMaskLogOdds = 3.0;         // of masks: nineteen in twenty inner pixels are right
 constexpr double kLikely = 0.2;              // log-odds from which users are told that it moves
 constexpr double kMostOfIt = 0.8;            // share of a region known to move that tells of it all
+constexpr double kOneSurface = 0.015;        // share of depth: a step beyond is a contour to users
 constexpr int kCoarseness = 4;               // strides of the fine grid between coarse samples
 
 }  // namespace
@@ -85,6 +86,7 @@ const cv::Mat& MoverDetector::complete(const TrackedFrame& frame,
   options.completion = geometry::RegionGrowOptions().completion;
   options.decision = kLikely;
   options.fill_share = kMostOfIt;
+  options.jump = kOneSurface;
   const bool masked = !frame.mask.empty();
   const auto depth = as_view<const float>(masked ? frame.whole_depth : frame.depth);
   if (masked) {
