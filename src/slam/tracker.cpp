@@ -26,11 +26,12 @@ constexpr double kAlignedTranslation = 0.02;  // metres that aligned surfaces ma
 constexpr double kAlignedRotation = 0.01;     // radians
 constexpr double kContradiction = 10.6;       // squared, by these: 10 % of 6 degrees of freedom
 constexpr float kTrialWeight = 0.05F;         // of a point on trial beside one that is proven
-constexpr double kAgrees = 0.15;     // log-odds of standing still that a fitting match adds
-constexpr double kUsualStep = 0.1;   // seconds; the longer, the more it says
-constexpr double kMostSteps = 10.0;  // and at most as many times
-constexpr double kDisagrees = -1.0;  // and one that does not
-constexpr double kSurest = 4.0;      // most that is remembered
+constexpr double kContradicted = 2.0;  // times as much weight agrees without what is expected
+constexpr double kAgrees = 0.15;       // log-odds of standing still that a fitting match adds
+constexpr double kUsualStep = 0.1;     // seconds; the longer, the more it says
+constexpr double kMostSteps = 10.0;    // and at most as many times
+constexpr double kDisagrees = -1.0;    // and one that does not
+constexpr double kSurest = 4.0;        // most that is remembered
 
 // Squared, of two poses, by what aligned surfaces may be off.
 double distance(const RigidTransform& a, const RigidTransform& b) {
@@ -278,7 +279,7 @@ int Tracker::track_local_map(Map& map, KeyframeId reference, TrackedFrame& frame
   if (static_cast<int>(matches_.size()) < options_.min_inliers && !prior_) return 0;
   if (geometry_) prefer_proven();
   if (wide) motion_.forget_prediction();
-  const int inliers = optimize(frame, predictions_.ids, expected_motion());
+  const int inliers = optimize_as_expected(frame);
   if (inliers >= options_.min_inliers) remember_motion(frame);
   if (!learns_) return inliers;
   for (const PointId id : predictions_.ids) {
@@ -289,6 +290,34 @@ int Tracker::track_local_map(Map& map, KeyframeId reference, TrackedFrame& frame
   }
   remember_weights(map, frame);
   return inliers;
+}
+
+// What is expected may have followed a mover. It is let go of if it makes outliers of most that the
+// features say, and twice as much agrees without it.
+int Tracker::optimize_as_expected(TrackedFrame& frame) {
+  const RigidTransform start = frame.T_cam_world;
+  const std::optional<factors::PosePrior> expected = expected_motion();
+  const int inliers = optimize(frame, predictions_.ids, expected);
+  if (!geometry_ || !expected) return inliers;
+  const double agreed = agreeing_weight();
+  double all = 0.0;
+  for (const PointMatch& match : matches_) all += match.weight;
+  if (kContradicted * agreed >= all) return inliers;
+  frame.T_cam_world = start;
+  const int alone = optimize(frame, predictions_.ids, std::nullopt);
+  if (alone >= options_.min_inliers && agreeing_weight() > kContradicted * agreed) return alone;
+  frame.T_cam_world = start;
+  return optimize(frame, predictions_.ids, expected);
+}
+
+// Of the matches that agree with the pose that was optimized last.
+double Tracker::agreeing_weight() const {
+  const Span<const std::uint8_t> inliers = pose_.inliers();
+  double sum = 0.0;
+  for (std::size_t i = 0; i < matches_.size(); ++i) {
+    if (inliers[i] != 0) sum += matches_[i].weight;
+  }
+  return sum;
 }
 
 // Points on trial must not outvote those that have stood still for long: a weight is how much more

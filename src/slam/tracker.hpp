@@ -140,6 +140,9 @@ class Tracker {
   /// Optimizes the pose over `matches_` and writes points and rejections; returns the inliers.
   int optimize(TrackedFrame& frame, const std::vector<PointId>& ids,
                const std::optional<factors::PosePrior>& prior);
+  /// The same with what is expected of the pose, unless features contradict that.
+  int optimize_as_expected(TrackedFrame& frame);
+  double agreeing_weight() const;
   /// What the motion so far and the alignment of surfaces say of the pose together.
   std::optional<factors::PosePrior> expected_motion();
   /// The frame has the pose that was optimized last: a step of the motion so far.
