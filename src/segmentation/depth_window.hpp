@@ -96,7 +96,7 @@ class DepthWindow {
     kWall = 64,    // no cell: around the window, so that every cell has four neighbours
   };
 
-  enum class Brush : std::uint8_t { kNone, kFull, kByDepth };
+  enum Brush : std::uint8_t { kNone, kFull, kByDepth };
 
   void place(const HalfDepth& half, const DepthRefinementOptions& options,
              const Instance& instance);
@@ -111,7 +111,7 @@ class DepthWindow {
   bool hidden_from_the_mask(const std::vector<int>& component) const;
   bool flood_apart(int start);
   cv::Rect extent() const;
-  void choose_brushes(int left, int y, std::vector<Brush>& brushes) const;
+  void choose_brushes(int left, int y, std::vector<std::uint8_t>& brushes) const;
   void clear_visited();
 
   bool is_near(int cell) const { return cell >= near_begin_ && cell < near_end_; }
