@@ -246,7 +246,7 @@ void DepthWindow::write(DepthView depth, Instance& instance) const {
     const float* z = depth_.z.data() + depth_.cell_of(cells.x, y);
     for (int u = 0; u < box.width; ++u) {
       if (brush[u / 2] != kByDepth) continue;
-      out[u] = !measured(own[u]) || one_surface(own[u], z[u / 2], options_) ? 255 : 0;
+      out[u] = !measured(own[u]) || step_.joins(own[u], z[u / 2]) ? 255 : 0;
     }
   }
   instance.box = box;
