@@ -158,7 +158,7 @@ void MaskSource::update_beside(const dataset::Frame& frame, FrameRow& row) {
     found.instances = std::move(movers);
     propagator_->set_segmentation(result->index, std::move(found));
   }
-  worker_->submit(frame.color, examples::info_of(frame));
+  worker_->submit_shared(frame.color, frame.depth, examples::info_of(frame));
   const std::optional<segmentation::PropagatedSegmentation> carried = propagator_->current();
   if (!carried) {
     mask_.release();

@@ -157,7 +157,10 @@ RunOutcome run_system(const dataset::Sequence& sequence, const RunFlags& flags) 
   MaskSource masks(flags, sequence);
   LiveView view(flags, sequence);
   if (flags.asynchronous()) prepare(sequence, masks);
-  dataset::ReadAhead frames(sequence);
+  const bool paced = flags.realtime || flags.asynchronous();
+  dataset::ReadAheadOptions reading;
+  reading.pause_at_work = paced;  // a camera does not take tracking's cores
+  dataset::ReadAhead frames(sequence, reading);
   Progress progress(flags.system, sequence.size());
   const Clock::time_point start = Clock::now();
   for (std::size_t next = 0; next < sequence.size(); ++next) {
@@ -166,7 +169,10 @@ RunOutcome run_system(const dataset::Sequence& sequence, const RunFlags& flags) 
       for (; next < due; ++next) outcome.rows.push_back(missing_row(sequence, next, "dropped"));
       frames.skip_to(next);
     }
-    if (flags.realtime || flags.asynchronous()) wait_for_frame(sequence, next, start);
+    if (paced) {
+      frames.read_on();
+      wait_for_frame(sequence, next, start);
+    }
     while (next * 4 >= (outcome.memory_mb.size() + 1) * sequence.size()) {
       outcome.memory_mb.push_back(resident_memory_mb());
     }

@@ -15,8 +15,12 @@ namespace dynslam::dataset {
 // The queue and the place in the sequence belong to `mutex_`; frames are read without it.
 class ReadAhead::Impl {
  public:
-  Impl(const Sequence& sequence, std::size_t first, std::size_t last, std::size_t capacity)
-      : sequence_(sequence), last_(last), capacity_(capacity), to_read_(first) {
+  Impl(const Sequence& sequence, const ReadAheadOptions& options)
+      : sequence_(sequence),
+        last_(options.last),
+        capacity_(options.capacity),
+        pause_at_work_(options.pause_at_work),
+        to_read_(options.first) {
     thread_ = std::thread([this] { run(); });
   }
 
@@ -27,8 +31,12 @@ class ReadAhead::Impl {
 
   std::optional<FrameResult> next() {
     std::unique_lock<std::mutex> lock(mutex_);
+    ++waiting_;
+    if (paused_ && queue_.empty()) changed_.notify_all();
     changed_.wait(lock, [this] { return stopped_ || !queue_.empty() || at_end(); });
+    --waiting_;
     if (stopped_ || queue_.empty()) return std::nullopt;
+    paused_ = pause_at_work_;
     FrameResult result = std::move(queue_.front());
     queue_.pop_front();
     lock.unlock();
@@ -50,6 +58,14 @@ class ReadAhead::Impl {
     changed_.notify_all();
   }
 
+  void read_on() {
+    {
+      const std::lock_guard<std::mutex> lock(mutex_);
+      paused_ = false;
+    }
+    changed_.notify_all();
+  }
+
   void stop() {
     std::deque<FrameResult> dropped;
     {
@@ -61,13 +77,16 @@ class ReadAhead::Impl {
   }
 
  private:
+  bool may_read() const {
+    const bool wanted = !paused_ || waiting_ > 0;
+    return wanted && to_read_ < last_ && queue_.size() < capacity_;
+  }
   bool at_end() const { return to_read_ >= last_ && !reading_; }
 
   void run() {
     std::unique_lock<std::mutex> lock(mutex_);
     while (true) {
-      changed_.wait(lock,
-                    [this] { return stopped_ || (to_read_ < last_ && queue_.size() < capacity_); });
+      changed_.wait(lock, [this] { return stopped_ || may_read(); });
       if (stopped_) return;
       const std::size_t index = to_read_++;
       reading_ = true;
@@ -96,12 +115,15 @@ class ReadAhead::Impl {
   const Sequence& sequence_;
   const std::size_t last_;
   const std::size_t capacity_;
+  const bool pause_at_work_;
   std::mutex mutex_;
   std::condition_variable changed_;
   std::deque<FrameResult> queue_;
   std::size_t to_read_;     // the next index that is not yet taken up
   std::size_t wanted_ = 0;  // what lies before this is dropped
   bool reading_ = false;
+  bool paused_ = false;
+  int waiting_ = 0;  // consumers in `next`
   bool stopped_ = false;
   std::thread thread_;
 };
@@ -113,16 +135,18 @@ void ReadAheadOptions::validate() const {
 
 ReadAhead::ReadAhead(const Sequence& sequence, const ReadAheadOptions& options) {
   options.validate();
-  const std::size_t last = std::min(options.last, sequence.size());
-  require(options.first < last, "ReadAhead", "first", options.first,
-          "less than " + std::to_string(last));
-  impl_ = std::make_unique<Impl>(sequence, options.first, last, options.capacity);
+  ReadAheadOptions inside = options;
+  inside.last = std::min(options.last, sequence.size());
+  require(inside.first < inside.last, "ReadAhead", "first", inside.first,
+          "less than " + std::to_string(inside.last));
+  impl_ = std::make_unique<Impl>(sequence, inside);
 }
 
 ReadAhead::~ReadAhead() = default;
 
 std::optional<FrameResult> ReadAhead::next() { return impl_->next(); }
 void ReadAhead::skip_to(std::size_t index) { impl_->skip_to(index); }
+void ReadAhead::read_on() { impl_->read_on(); }
 void ReadAhead::stop() { impl_->stop(); }
 
 }  // namespace dynslam::dataset

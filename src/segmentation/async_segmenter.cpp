@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <condition_variable>
-#include <cstring>
 #include <deque>
 #include <mutex>
 #include <thread>
@@ -13,6 +12,7 @@
 #endif
 
 #include "dynslam/core/errors.hpp"
+#include "dynslam/core/opencv.hpp"
 
 namespace dynslam::segmentation {
 
@@ -26,27 +26,18 @@ void AsyncOptions::validate() const {
 
 namespace {
 
-// A frame that owns its pixels.
+// A frame that owns its pixels, or shares them.
 struct Job {
   cv::Mat image;
-  std::vector<float> depth;
+  cv::Mat depth;  // CV_32FC1, empty if the frame has none
   FrameInfo frame;
 };
 
-// Makes `job` hold a copy of a frame; in its old memory, unless a segmenter kept the old image.
-void own(const cv::Mat& image, const FrameInfo& frame, Job& job) {
-  const bool kept = job.image.u != nullptr && job.image.u->refcount > 1;
-  if (kept) job.image.release();
-  image.copyTo(job.image);
-  job.frame = frame;
-  job.frame.depth = {};
-  job.depth.resize(static_cast<std::size_t>(frame.depth.width) *
-                   static_cast<std::size_t>(frame.depth.height));
-  for (int y = 0; y < frame.depth.height; ++y) {
-    const auto width = static_cast<std::size_t>(frame.depth.width);
-    std::memcpy(job.depth.data() + static_cast<std::size_t>(y) * width, frame.depth.row(y),
-                width * sizeof(float));
-  }
+// Copies into old memory, unless that is somebody else's too: a segmenter's, a caller's who shared.
+void copy_into(const cv::Mat& source, cv::Mat& target) {
+  const bool own = target.u != nullptr && target.u->refcount == 1;
+  if (!own) target.release();
+  source.copyTo(target);
 }
 
 // On Linux the niceness belongs to the thread that calls. If it is refused, all stays as it was.
@@ -82,6 +73,7 @@ struct AsyncSegmenter::Impl {
   bool idle() const { return queue.empty() && !status.busy; }
   void run();
   void process(Job& job, std::unique_lock<std::mutex>& lock);
+  bool enqueue(Job job);
 };
 
 void AsyncSegmenter::Impl::run() {
@@ -104,9 +96,6 @@ void AsyncSegmenter::Impl::run() {
 
 // Called with the lock held, which is open while the network runs.
 void AsyncSegmenter::Impl::process(Job& job, std::unique_lock<std::mutex>& lock) {
-  if (!job.depth.empty()) {
-    job.frame.depth = DepthView(job.depth.data(), job.image.cols, job.image.rows);
-  }
   AsyncResult result{job.frame.index, job.frame.timestamp, job.frame.name, {}};
   std::string error;
   bool failed = false;
@@ -131,6 +120,29 @@ void AsyncSegmenter::Impl::process(Job& job, std::unique_lock<std::mutex>& lock)
   ++status.finished;
   if (results.size() >= static_cast<std::size_t>(options.result_capacity)) results.pop_front();
   results.push_back(std::move(result));
+}
+
+// False after `stop`.
+bool AsyncSegmenter::Impl::enqueue(Job job) {
+  job.frame.depth = as_view<const float>(job.depth);
+  std::deque<Job> dropped;  // freed outside the lock
+  {
+    const std::lock_guard<std::mutex> lock(mutex);
+    if (status.stopped) return false;
+    ++status.submitted;
+    queue.push_back(std::move(job));
+    while (queue.size() > static_cast<std::size_t>(options.queue_capacity)) {
+      dropped.push_back(std::move(queue.front()));
+      queue.pop_front();
+      ++status.replaced;
+    }
+    if (!dropped.empty() && !spare) {
+      spare = std::move(dropped.back());
+      dropped.pop_back();
+    }
+  }
+  work.notify_one();
+  return true;
 }
 
 AsyncSegmenter::AsyncSegmenter(std::unique_ptr<Segmenter> segmenter, const AsyncOptions& options)
@@ -161,25 +173,19 @@ bool AsyncSegmenter::submit(const cv::Mat& image, const FrameInfo& frame) {
     if (impl_->spare) job = std::move(*impl_->spare);
     impl_->spare.reset();
   }
-  own(image, frame, job);
-  std::deque<Job> dropped;  // freed outside the lock
-  {
-    const std::lock_guard<std::mutex> lock(impl_->mutex);
-    if (impl_->status.stopped) return false;
-    ++impl_->status.submitted;
-    impl_->queue.push_back(std::move(job));
-    while (impl_->queue.size() > static_cast<std::size_t>(impl_->options.queue_capacity)) {
-      dropped.push_back(std::move(impl_->queue.front()));
-      impl_->queue.pop_front();
-      ++impl_->status.replaced;
-    }
-    if (!dropped.empty() && !impl_->spare) {
-      impl_->spare = std::move(dropped.back());
-      dropped.pop_back();
-    }
-  }
-  impl_->work.notify_one();
-  return true;
+  copy_into(image, job.image);
+  copy_into(as_mat(frame.depth), job.depth);
+  job.frame = frame;
+  return impl_->enqueue(std::move(job));
+}
+
+bool AsyncSegmenter::submit_shared(const cv::Mat& image, const cv::Mat& depth, FrameInfo frame) {
+  constexpr const char* kName = "AsyncSegmenter::submit_shared";
+  require(depth.empty() || (depth.dims == 2 && depth.type() == CV_32FC1), kName, "depth",
+          cv::typeToString(depth.type()), "CV_32FC1 in two dimensions, or no depth");
+  frame.depth = as_view<const float>(depth);
+  require_segmentable(kName, image, frame);
+  return impl_->enqueue({image, depth, std::move(frame)});
 }
 
 std::optional<AsyncResult> AsyncSegmenter::take() {

@@ -66,7 +66,7 @@ class Revealer {
       : before_(before),
         now_(now),
         back_(back),
-        options_(options),
+        step_(options),
         count_(instances.size()),
         who_(before.height, before.width, CV_16SC1, cv::Scalar(-1)) {
     depth_.cut(now, cv::Rect(0, 0, now.width, now.height));
@@ -161,7 +161,7 @@ class Revealer {
       const std::uint8_t state = state_[static_cast<std::size_t>(other)];
       const float there = depth_.at(other);
       if ((state & kTaken) || !measured(there)) continue;
-      const bool same = one_surface(there, z, options_);
+      const bool same = step_.joins(there, z);
       if (same && state == kFacing) {
         take(other);
       } else if (!same && there > z) {
@@ -194,7 +194,7 @@ class Revealer {
   const HalfDepth& before_;
   const HalfDepth& now_;
   cv::Matx23d back_;
-  const DepthRefinementOptions& options_;
+  SurfaceStep step_;
   WalledDepth depth_;                // of all of `now_`
   std::vector<std::uint8_t> state_;  // of its cells
   std::size_t count_;
@@ -259,6 +259,7 @@ std::vector<CellMask> smooth_parts(const CellMask& mask, const DepthRefinementOp
     float* out = depth.z.data() + depth.cell_of(0, y);
     for (int x = 0; x < width; ++x) out[x] = in[x] != 0 ? z[x] : 0.0F;
   }
+  const SurfaceStep step(options);
   std::vector<int> cells;
   const auto visit = [&](int cell) {
     depth.z[static_cast<std::size_t>(cell)] *= -1;
@@ -272,7 +273,7 @@ std::vector<CellMask> smooth_parts(const CellMask& mask, const DepthRefinementOp
       const float z = -depth.at(cells[next]);
       for (const int other : depth.neighbours(cells[next])) {
         const float there = depth.at(other);
-        if (measured(there) && one_surface(there, z, options)) visit(other);
+        if (measured(there) && step.joins(there, z)) visit(other);
       }
     }
     if (cells.size() < static_cast<std::size_t>(least)) continue;
@@ -303,6 +304,7 @@ void surfaces_from_outside(const HalfDepth& now, const CarriedCorners& corners,
   WalledDepth depth;
   depth.cut(now, heard);
   std::vector<std::uint8_t> voice(depth.z.size(), kSilent);
+  const SurfaceStep step(options);
   std::vector<int> ring, next;
   for (std::size_t i = 0; i < corners.pairs.size(); ++i) {
     const cv::Point at = cell_at(corners.pairs[i].to, now);
@@ -321,7 +323,7 @@ void surfaces_from_outside(const HalfDepth& now, const CarriedCorners& corners,
       for (const int other : depth.neighbours(cell)) {
         std::uint8_t& state = voice[static_cast<std::size_t>(other)];
         const float there = depth.at(other);
-        if (state != kSilent || !measured(there) || !one_surface(z, there, options)) continue;
+        if (state != kSilent || !measured(there) || !step.joins(z, there)) continue;
         state = voice[static_cast<std::size_t>(cell)];
         next.push_back(other);
       }

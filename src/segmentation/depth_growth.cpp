@@ -208,15 +208,19 @@ cv::Rect DepthWindow::extent() const {
 }
 
 // What is to be done with the pixels of a row's cells from `left` on.
-void DepthWindow::choose_brushes(int left, int y, std::vector<Brush>& brushes) const {
-  for (std::size_t x = 0; x < brushes.size(); ++x) {
-    const int cell = depth_.cell_of(left + static_cast<int>(x), y);
-    const auto around = depth_.neighbours(cell);
-    const std::uint8_t all =
-        state(around[0]) & state(around[1]) & state(around[2]) & state(around[3]);
-    brushes[x] = !(state(cell) & kIn)                             ? Brush::kNone
-                 : (all & kIn) != 0 || !measured(depth_.at(cell)) ? Brush::kFull
-                                                                  : Brush::kByDepth;
+void DepthWindow::choose_brushes(int left, int y, std::vector<std::uint8_t>& brushes) const {
+  const int first = depth_.cell_of(left, y);
+  const std::uint8_t* here = state_.data() + first;
+  const std::uint8_t* above = here - depth_.stride;
+  const std::uint8_t* below = here + depth_.stride;
+  const float* z = depth_.z.data() + first;
+  const auto width = static_cast<int>(brushes.size());
+  std::uint8_t* out = brushes.data();
+  for (int x = 0; x < width; ++x) {
+    const int around = here[x - 1] & here[x + 1] & above[x] & below[x] & kIn;
+    const int inner = measured(z[x]) ? around : kIn;
+    const int brush = inner != 0 ? kFull : kByDepth;
+    out[x] = static_cast<std::uint8_t>((here[x] & kIn) != 0 ? brush : kNone);
   }
 }
 
@@ -226,26 +230,23 @@ void DepthWindow::write(DepthView depth, Instance& instance) const {
   const cv::Rect box =
       cv::Rect(2 * (x0_ + cells.x), 2 * (y0_ + cells.y), 2 * cells.width, 2 * cells.height) &
       cv::Rect(0, 0, depth.width, depth.height);
-  cv::Mat mask = cv::Mat::zeros(box.size(), CV_8UC1);
-  std::vector<Brush> brushes(static_cast<std::size_t>(cells.width));
+  cv::Mat mask(box.size(), CV_8UC1);
+  std::vector<std::uint8_t> brushes(static_cast<std::size_t>(cells.width));
   for (int v = 0; v < box.height; ++v) {
     const int y = cells.y + v / 2;
     if (v % 2 == 0) choose_brushes(cells.x, y, brushes);
-    const float* own = depth.row(box.y + v) + box.x;
+    const std::uint8_t* brush = brushes.data();
     std::uint8_t* out = mask.ptr(v);
-    for (int u = 0; u < box.width; u += 2) {
-      const Brush brush = brushes[static_cast<std::size_t>(u / 2)];
-      if (brush == Brush::kNone) continue;
-      const int end = std::min(u + 2, box.width);
-      if (brush == Brush::kFull) {
-        std::fill(out + u, out + end, std::uint8_t{255});
-        continue;
-      }
-      // At the border the pixel's own depth decides, if it has one.
-      const float z = depth_.at(depth_.cell_of(cells.x + u / 2, y));
-      for (int i = u; i < end; ++i) {
-        out[i] = !measured(own[i]) || one_surface(own[i], z, options_) ? 255 : 0;
-      }
+    for (int x = 0; x < box.width / 2; ++x) {
+      out[2 * x] = out[2 * x + 1] = static_cast<std::uint8_t>(brush[x] == kFull ? 255 : 0);
+    }
+    if (box.width % 2 != 0) out[box.width - 1] = brush[box.width / 2] == kFull ? 255 : 0;
+    // At the border the pixel's own depth decides, if it has one.
+    const float* own = depth.row(box.y + v) + box.x;
+    const float* z = depth_.z.data() + depth_.cell_of(cells.x, y);
+    for (int u = 0; u < box.width; ++u) {
+      if (brush[u / 2] != kByDepth) continue;
+      out[u] = !measured(own[u]) || step_.joins(own[u], z[u / 2]) ? 255 : 0;
     }
   }
   instance.box = box;

@@ -30,6 +30,7 @@ void DepthWindow::place(const HalfDepth& half, const DepthRefinementOptions& opt
                         const Instance& instance) {
   half_ = &half;
   options_ = options;
+  step_ = SurfaceStep(options);
   const cv::Rect& box = instance.box;
   const double margin = options.side_margin * std::min(box.width, box.height);
   const double reach = std::max(options.reach * box.height, margin);

@@ -53,12 +53,16 @@ struct WalledDepth {
   float at(int cell) const { return z[static_cast<std::size_t>(cell)]; }
 };
 
-/// Whether two neighbours at these depths are on one smooth surface.
-inline bool one_surface(float a, float b, const DepthRefinementOptions& options) {
-  const float step =
-      static_cast<float>(options.step_share) * std::min(a, b) + static_cast<float>(options.step_m);
-  return std::abs(a - b) <= step;
-}
+/// How far apart two neighbours of one smooth surface may be in depth; of its own, since the loops
+/// that ask write bytes, before which a compiler reads all else anew.
+struct SurfaceStep {
+  float share;  ///< of the depth
+  float least;  ///< metres
+
+  explicit SurfaceStep(const DepthRefinementOptions& options)
+      : share(static_cast<float>(options.step_share)), least(static_cast<float>(options.step_m)) {}
+  bool joins(float a, float b) const { return std::abs(a - b) <= share * std::min(a, b) + least; }
+};
 
 /// Depths from `low` to `high` (metres).
 struct DepthBand {
@@ -96,7 +100,7 @@ class DepthWindow {
     kWall = 64,    // no cell: around the window, so that every cell has four neighbours
   };
 
-  enum class Brush : std::uint8_t { kNone, kFull, kByDepth };
+  enum Brush : std::uint8_t { kNone, kFull, kByDepth };
 
   void place(const HalfDepth& half, const DepthRefinementOptions& options,
              const Instance& instance);
@@ -111,16 +115,17 @@ class DepthWindow {
   bool hidden_from_the_mask(const std::vector<int>& component) const;
   bool flood_apart(int start);
   cv::Rect extent() const;
-  void choose_brushes(int left, int y, std::vector<Brush>& brushes) const;
+  void choose_brushes(int left, int y, std::vector<std::uint8_t>& brushes) const;
   void clear_visited();
 
   bool is_near(int cell) const { return cell >= near_begin_ && cell < near_end_; }
   std::uint8_t& state(int cell) { return state_[static_cast<std::size_t>(cell)]; }
   std::uint8_t state(int cell) const { return state_[static_cast<std::size_t>(cell)]; }
-  bool continuous(int a, int b) const { return one_surface(depth_.at(a), depth_.at(b), options_); }
+  bool continuous(int a, int b) const { return step_.joins(depth_.at(a), depth_.at(b)); }
 
   const HalfDepth* half_ = nullptr;
   DepthRefinementOptions options_;
+  SurfaceStep step_{options_};
   int x0_ = 0, y0_ = 0;                // of the window, in cells of the half image
   int near_begin_ = 0, near_end_ = 0;  // cells of the rows for growing beside the mask
   WalledDepth depth_;

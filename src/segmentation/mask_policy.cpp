@@ -16,6 +16,62 @@ void paint(const Instance& instance, cv::Mat& mask) {
   cv::bitwise_or(window, instance.mask, window);
 }
 
+// Half the height of a disc in the column that is `dx` off its middle.
+int half_height(int radius, int dx) {
+  return static_cast<int>(std::sqrt(static_cast<double>(radius * radius - dx * dx)));
+}
+
+void dilate_by_filter(cv::Mat& mask, int radius) {
+  cv::Mat disc = cv::Mat::zeros(2 * radius + 1, 2 * radius + 1, CV_8UC1);
+  for (int dx = -radius; dx <= radius; ++dx) {
+    const int reach = half_height(radius, dx);
+    disc(cv::Rect(radius + dx, radius - reach, 1, 2 * reach + 1)).setTo(1);
+  }
+  cv::dilate(mask, mask, disc);
+  cv::threshold(mask, mask, 0, 255, cv::THRESH_BINARY);
+}
+
+void dilate_by_columns(cv::Mat& mask, int radius) {
+  const int width = mask.cols;
+  const int height = mask.rows;
+
+  // How far the next mask pixel of the same column is, capped: two sweeps over the rows.
+  const auto cap = static_cast<std::uint8_t>(radius + 1);
+  cv::Mat distance(height, width, CV_8UC1);
+  const auto sweep = [&](int y, int from) {
+    const std::uint8_t* before = from < 0 || from >= height ? nullptr : distance.ptr(from);
+    std::uint8_t* here = distance.ptr(y);
+    for (int x = 0; x < width; ++x) {
+      const std::uint8_t via =
+          before == nullptr ? cap : static_cast<std::uint8_t>(std::min<int>(before[x] + 1, cap));
+      here[x] = std::min(here[x], via);
+    }
+  };
+  for (int y = 0; y < height; ++y) {
+    const std::uint8_t* source = mask.ptr(y);
+    std::uint8_t* here = distance.ptr(y);
+    for (int x = 0; x < width; ++x) here[x] = source[x] != 0 ? 0 : cap;
+    sweep(y, y - 1);
+  }
+  for (int y = height - 1; y >= 0; --y) sweep(y, y + 1);
+
+  // A pixel is reached if for some dx the column x + dx has a mask pixel within the disc's half
+  // height there.
+  for (int y = 0; y < height; ++y) {
+    const std::uint8_t* column = distance.ptr(y);
+    std::uint8_t* out = mask.ptr(y);
+    std::fill(out, out + width, std::uint8_t{0});
+    for (int dx = -radius; dx <= radius; ++dx) {
+      const auto reach = static_cast<std::uint8_t>(half_height(radius, dx));
+      const int begin = std::max(0, -dx);
+      const int end = std::min(width, width - dx);
+      for (int x = begin; x < end; ++x) {
+        out[x] = static_cast<std::uint8_t>(out[x] | (column[x + dx] <= reach ? 255 : 0));
+      }
+    }
+  }
+}
+
 }  // namespace
 
 void MaskPolicyOptions::validate() const {
@@ -108,57 +164,17 @@ void dilate_mask(cv::Mat& mask, int radius) {
           cv::typeToString(mask.type()), "CV_8UC1 in two dimensions");
   require(radius >= 0 && radius <= 100, "dilate_mask", "radius", radius, "0 to 100 pixels");
   if (mask.empty() || radius == 0) return;
-  const auto half_height = [radius](int dx) {
-    return static_cast<int>(std::sqrt(static_cast<double>(radius * radius - dx * dx)));
-  };
+  // Beyond the disc's reach of what is set nothing changes.
+  const cv::Rect set = cv::boundingRect(mask);
+  if (set.empty()) return;
+  const cv::Rect reach(set.x - radius, set.y - radius, set.width + 2 * radius,
+                       set.height + 2 * radius);
+  cv::Mat window = mask(reach & cv::Rect(cv::Point(), mask.size()));
   // OpenCV's filter costs the area of the disc: faster for small ones.
   if (radius <= 6) {
-    cv::Mat disc = cv::Mat::zeros(2 * radius + 1, 2 * radius + 1, CV_8UC1);
-    for (int dx = -radius; dx <= radius; ++dx) {
-      const int reach = half_height(dx);
-      disc(cv::Rect(radius + dx, radius - reach, 1, 2 * reach + 1)).setTo(1);
-    }
-    cv::dilate(mask, mask, disc);
-    cv::threshold(mask, mask, 0, 255, cv::THRESH_BINARY);
-    return;
-  }
-  const int width = mask.cols;
-  const int height = mask.rows;
-
-  // How far the next mask pixel of the same column is, capped: two sweeps over the rows.
-  const auto cap = static_cast<std::uint8_t>(radius + 1);
-  cv::Mat distance(height, width, CV_8UC1);
-  const auto sweep = [&](int y, int from) {
-    const std::uint8_t* before = from < 0 || from >= height ? nullptr : distance.ptr(from);
-    std::uint8_t* here = distance.ptr(y);
-    for (int x = 0; x < width; ++x) {
-      const std::uint8_t via =
-          before == nullptr ? cap : static_cast<std::uint8_t>(std::min<int>(before[x] + 1, cap));
-      here[x] = std::min(here[x], via);
-    }
-  };
-  for (int y = 0; y < height; ++y) {
-    const std::uint8_t* source = mask.ptr(y);
-    std::uint8_t* here = distance.ptr(y);
-    for (int x = 0; x < width; ++x) here[x] = source[x] != 0 ? 0 : cap;
-    sweep(y, y - 1);
-  }
-  for (int y = height - 1; y >= 0; --y) sweep(y, y + 1);
-
-  // A pixel is reached if for some dx the column x + dx has a mask pixel within the disc's half
-  // height there.
-  for (int y = 0; y < height; ++y) {
-    const std::uint8_t* column = distance.ptr(y);
-    std::uint8_t* out = mask.ptr(y);
-    std::fill(out, out + width, std::uint8_t{0});
-    for (int dx = -radius; dx <= radius; ++dx) {
-      const auto reach = static_cast<std::uint8_t>(half_height(dx));
-      const int begin = std::max(0, -dx);
-      const int end = std::min(width, width - dx);
-      for (int x = begin; x < end; ++x) {
-        out[x] = static_cast<std::uint8_t>(out[x] | (column[x + dx] <= reach ? 255 : 0));
-      }
-    }
+    dilate_by_filter(window, radius);
+  } else {
+    dilate_by_columns(window, radius);
   }
 }
 

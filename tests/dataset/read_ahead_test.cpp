@@ -70,6 +70,38 @@ ReadAheadOptions with_capacity(std::size_t capacity) {
   return options;
 }
 
+ReadAheadOptions with_pauses(std::size_t capacity) {
+  ReadAheadOptions options = with_capacity(capacity);
+  options.pause_at_work = true;
+  return options;
+}
+
+TEST(ReadAhead, ReadsNothingWhileItsCallerWorksIfToldSo) {
+  const FakeSequence sequence(20);
+  ReadAhead ahead(sequence, with_pauses(2));
+  sequence.wait_for_reads(2);
+  ASSERT_TRUE(ahead.next());
+  std::this_thread::sleep_for(std::chrono::milliseconds(20));
+  EXPECT_EQ(sequence.reads, 2U);
+  ahead.read_on();
+  sequence.wait_for_reads(3);
+  ASSERT_TRUE(ahead.next());
+  EXPECT_EQ(sequence.reads, 3U);
+}
+
+TEST(ReadAhead, ThatPausesGivesEveryFrameToThoseWhoOnlyAskForTheNext) {
+  const FakeSequence sequence(50);
+  ReadAhead ahead(sequence, with_pauses(3));
+  std::atomic<int> sum{0};
+  const auto consume = [&] {
+    while (const auto result = ahead.next()) sum += static_cast<int>(result->index);
+  };
+  std::thread other(consume);
+  consume();
+  other.join();
+  EXPECT_EQ(sum, 49 * 50 / 2);
+}
+
 TEST(ReadAhead, GivesEveryFrameInOrderThenNothing) {
   const FakeSequence sequence(500);
   for (const std::size_t capacity : {1U, 3U, 1000U}) {

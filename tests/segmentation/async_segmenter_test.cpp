@@ -158,6 +158,25 @@ TEST(AsyncSegmenter, OwnsWhatItIsGiven) {
   EXPECT_EQ(result->segmentation.instances[0].score, 2.5F);
 }
 
+TEST(AsyncSegmenter, KeepsWhatItSharesAliveAndNeverWritesToIt) {
+  std::vector<std::uint8_t> pixels(48, 7);
+  AsyncSegmenter async(scripted());
+  {
+    const cv::Mat depth(6, 8, CV_32FC1, cv::Scalar(2.5));
+    async.submit_shared(cv::Mat(6, 8, CV_8UC1, pixels.data()), depth, frame_of(1));
+  }
+  const auto shared = async.wait(seconds(20));
+  ASSERT_TRUE(shared.has_value());
+  EXPECT_EQ(shared->segmentation.instances[0].label, 7);
+  EXPECT_EQ(shared->segmentation.instances[0].score, 2.5F);
+  ASSERT_TRUE(async.wait_idle(seconds(20)));
+  for (std::uint64_t i = 2; i < 5; ++i) {
+    async.submit(image_of(3), frame_of(i));
+    ASSERT_TRUE(async.wait_idle(seconds(20)));
+  }
+  EXPECT_EQ(pixels, std::vector<std::uint8_t>(48, 7));
+}
+
 TEST(AsyncSegmenter, GoesOnAfterAnExceptionAndTellsOfIt) {
   AsyncSegmenter async(scripted([](const FrameInfo& frame) {
     if (frame.index == 100) throw std::runtime_error("the network broke");
@@ -277,6 +296,11 @@ TEST(AsyncSegmenter, RefusesWhatIsNotAnImageInTheCallersThread) {
   AsyncSegmenter async(scripted());
   EXPECT_THROW(async.submit(cv::Mat(), frame_of(0)), InvalidArgument);
   EXPECT_THROW(async.submit(cv::Mat(4, 4, CV_32F), frame_of(0)), InvalidArgument);
+  EXPECT_THROW(async.submit_shared(cv::Mat(), cv::Mat(), frame_of(0)), InvalidArgument);
+  const cv::Mat millimetres(6, 8, CV_16UC1, cv::Scalar(1));
+  EXPECT_THROW(async.submit_shared(image_of(0), millimetres, frame_of(0)), InvalidArgument);
+  const cv::Mat small(3, 4, CV_32FC1, cv::Scalar(1));
+  EXPECT_THROW(async.submit_shared(image_of(0), small, frame_of(0)), InvalidArgument);
   EXPECT_THROW(AsyncSegmenter(nullptr), InvalidArgument);
   EXPECT_EQ(async.status().submitted, 0U);
 }

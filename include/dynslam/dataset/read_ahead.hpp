@@ -23,6 +23,10 @@ struct ReadAheadOptions {
   std::size_t first = 0;     ///< index of the first frame, < size of the sequence
   /// End (exclusive); past the end means the end.
   std::size_t last = std::numeric_limits<std::size_t>::max();
+  /// Leave the cores to the caller while it works on a frame: nothing is read from the moment a
+  /// frame is handed out until `read_on`, unless `next` has to wait for it. Decoding stands in for
+  /// a camera then, which takes nothing from those who use its images.
+  bool pause_at_work = false;
 
   /// Throws InvalidArgument naming the member that breaks its rule.
   void validate() const;
@@ -32,8 +36,8 @@ struct ReadAheadOptions {
 /// for that thread) into a bounded queue; never reorders and never loses a frame that was not
 /// skipped. Memory: at most `capacity` + 1 frames.
 ///
-/// Thread-safety: `next`, `skip_to` and `stop` may be called from different threads; with several
-/// consumers each frame goes to exactly one of them.
+/// Thread-safety: `next`, `skip_to`, `read_on` and `stop` may be called from different threads;
+/// with several consumers each frame goes to exactly one of them.
 class ReadAhead {
  public:
   /// `sequence` must outlive this object. Throws InvalidArgument by `options.validate()` and if
@@ -51,6 +55,10 @@ class ReadAhead {
   /// Go on with frame `index` or a later one: what lies before it is dropped unread where possible
   /// (a camera in real time does not wait). Going back has no effect.
   void skip_to(std::size_t index);
+
+  /// The caller has a pause: with `pause_at_work` reading goes on until the next frame is handed
+  /// out. Else without effect. Returns at once.
+  void read_on();
 
   /// Ends the reading for good; a waiting `next` returns nothing. Idempotent, does not block on a
   /// read.

@@ -45,7 +45,7 @@ struct AsyncOptions {
   /// nice(1); Linux, elsewhere nothing happens. A network needs a core for most of the time between
   /// two frames, tracking for a part of it at once (engineering). Threads that the segmenter has of
   /// its own (ONNX Runtime with more than one) do not hear of it.
-  int niceness = 5;
+  int niceness = 10;
   /// How long a frame may be in work before the segmenter counts as hung, 0 ms .. 1 day
   /// (engineering: many times what the slowest network takes).
   std::chrono::milliseconds patience = std::chrono::seconds(30);
@@ -73,6 +73,11 @@ class AsyncSegmenter {
   /// `stop`. Throws InvalidArgument as `Segmenter::segment` does for what is not an image, in the
   /// caller's thread, so that the mistake is seen where it was made. O(pixels).
   bool submit(const cv::Mat& image, const FrameInfo& frame);
+
+  /// The same without copies: keeps references to the image and to its depth (CV_32FC1, or empty),
+  /// whose pixels must not change until the frame is done with. `frame.depth` is not looked at.
+  /// Throws InvalidArgument for a depth image of another type, too. O(1).
+  bool submit_shared(const cv::Mat& image, const cv::Mat& depth, FrameInfo frame);
 
   /// The oldest result that was not taken yet; nothing if there is none. Never waits.
   std::optional<AsyncResult> take();
