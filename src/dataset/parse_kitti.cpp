@@ -83,8 +83,8 @@ std::vector<RigidTransform> parse_kitti_poses(std::string_view text, std::string
   while (reader.next()) {
     reader.expect_fields(12, "12: a 3 x 4 matrix by rows");
     const Matrix34d m = matrix_from(reader, 0);
-    const Eigen::JacobiSVD<Eigen::Matrix3d> svd(m.leftCols<3>(),
-                                                Eigen::ComputeFullU | Eigen::ComputeFullV);
+    const Eigen::JacobiSVD<Eigen::Matrix3d, Eigen::NoQRPreconditioner> svd(
+        m.leftCols<3>(), Eigen::ComputeFullU | Eigen::ComputeFullV);
     const Eigen::Matrix3d R = svd.matrixU() * svd.matrixV().transpose();
     if (!((R - m.leftCols<3>()).norm() <= kLargestDefect) || !(R.determinant() > 0.0)) {
       reader.fail("the left 3 x 3 block is no rotation, expected one");

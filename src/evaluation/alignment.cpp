@@ -87,8 +87,8 @@ AlignmentResult align_points(const Points3d& truth, const Points3d& estimate, Al
 
   const Moments m = moments(truth, estimate);
   Similarity& S = result.truth_from_estimate;
-  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(m.covariance,
-                                              Eigen::ComputeFullU | Eigen::ComputeFullV);
+  const Eigen::JacobiSVD<Eigen::Matrix3d, Eigen::NoQRPreconditioner> svd(
+      m.covariance, Eigen::ComputeFullU | Eigen::ComputeFullV);
   const Eigen::Vector3d& d = svd.singularValues();
   Eigen::Vector3d F = Eigen::Vector3d::Ones();
   if (no_extent(m.variance_truth, truth) || no_extent(m.variance_estimate, estimate) ||

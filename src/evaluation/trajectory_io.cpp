@@ -132,7 +132,8 @@ RigidTransform kitti_pose(const Row& row, double tolerance, const Place& place) 
     fail(place, "a matrix that is no rotation (R^T R - I has " + number_text(largest) + ")",
          "columns 1 2 3, 5 6 7, 9 10 11 to be a rotation (within " + number_text(tolerance) + ")");
   }
-  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(R, Eigen::ComputeFullU | Eigen::ComputeFullV);
+  const Eigen::JacobiSVD<Eigen::Matrix3d, Eigen::NoQRPreconditioner> svd(
+      R, Eigen::ComputeFullU | Eigen::ComputeFullV);
   return {Eigen::Matrix3d(svd.matrixU() * svd.matrixV().transpose()), m.col(3)};
 }
 

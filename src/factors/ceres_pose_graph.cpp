@@ -36,14 +36,13 @@ Similarity cleaned(const Similarity& S) {
 }
 
 // L with L'L = information; a direction of information 0 is free.
-template <typename Matrix>
-Matrix square_root(const Matrix& information) {
+Eigen::MatrixXd square_root(const Eigen::MatrixXd& information) {
   require(information.allFinite(), kWhere, "edges.information", "NaN or infinity",
           "a finite matrix");
   const double largest = std::max(1e-300, information.cwiseAbs().maxCoeff());
   require((information - information.transpose()).cwiseAbs().maxCoeff() <= 1e-9 * largest, kWhere,
           "edges.information", "a matrix that is not symmetric", "a symmetric matrix");
-  const Eigen::SelfAdjointEigenSolver<Matrix> eigen(information);
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(information);
   require(eigen.eigenvalues()[0] >= -1e-9 * largest, kWhere, "edges.information",
           eigen.eigenvalues()[0], "no negative eigenvalue");
   return eigen.eigenvalues().cwiseMax(0.0).cwiseSqrt().asDiagonal() *
@@ -83,7 +82,7 @@ PoseGraphSummary run(Span<Node> nodes, Span<const Edge> edges, Span<const std::u
   options.validate();
   check(nodes, edges, fixed);
   std::vector<Matrix> roots;
-  for (const Edge& edge : edges) roots.push_back(square_root<Matrix>(edge.information));
+  for (const Edge& edge : edges) roots.push_back(square_root(edge.information));
   PoseGraphSummary summary;
   if (edges.empty()) return summary;
 

@@ -4,7 +4,6 @@
 #include <cmath>
 
 #include <Eigen/Cholesky>
-#include <Eigen/Eigenvalues>
 #include <Eigen/Geometry>
 #include <Eigen/LU>
 
@@ -141,7 +140,9 @@ double direction_uncertainty_deg(const PinholeCamera& camera,
   const Eigen::Matrix<double, 5, 5> reduced = basis.transpose() * information * basis;
   const Eigen::Matrix<double, 5, 5> covariance = reduced.inverse();
   if (!covariance.allFinite()) return 90.0;
-  const double variance = covariance.topLeftCorner<2, 2>().eigenvalues().real().maxCoeff();
+  // The larger eigenvalue of what concerns the direction.
+  const double variance = 0.5 * (covariance(0, 0) + covariance(1, 1)) +
+                          std::hypot(0.5 * (covariance(0, 0) - covariance(1, 1)), covariance(0, 1));
   constexpr double kDegrees = 180.0 / 3.14159265358979323846;
   return variance > 0.0 ? std::min(90.0, std::sqrt(variance) / T.t.norm() * kDegrees) : 90.0;
 }

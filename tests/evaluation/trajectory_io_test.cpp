@@ -265,7 +265,9 @@ TEST(TrajectoryIo, WritesThroughSymbolicLinks) {
 TEST(TrajectoryIo, ReportsFilesThatCannotBeReadOrWritten) {
   const Folder folder;
   const std::string missing = folder.file("no/such.txt");
-  EXPECT_EQ(message_of<IoError>([&] { read_trajectory(missing); }).find(missing + ": cannot be "),
+  EXPECT_EQ(message_of<IoError>([&] {
+              read_trajectory(missing);
+            }).find(missing + ": there is no such file"),
             0u);
   EXPECT_THROW(read_trajectory(folder.path()), IoError) << "a folder";
   EXPECT_EQ(message_of<IoError>([&] {
