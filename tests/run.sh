@@ -93,11 +93,9 @@ check_format() {
   else
     mapfile -t files < <(find benchmarks examples include src tests -name '*.[hc]pp' 2>/dev/null)
   fi
-  local file
-  for file in "${files[@]}"; do
-    [[ -f $file ]] || continue
-    "$clang_format" --dry-run -Werror "$file" >/dev/null 2>&1 || offenders+=("$file")
-  done
+  mapfile -t offenders < <(printf '%s\0' "${files[@]}" |
+    xargs -0 -n 20 -P "$jobs" "$clang_format" --dry-run 2>&1 |
+    sed -nE 's/^([^:]+):[0-9]+:[0-9]+: warning: code should be clang-formatted.*/\1/p' | sort -u)
   if ((${#offenders[@]} > 0)); then
     printf '    not formatted: %s\n' "${offenders[@]}"
     fail "${#offenders[@]} of ${#files[@]} files; run: clang-format-14 -i <file>"
