@@ -40,6 +40,10 @@ function(dynslam_apply_build_flags target)
     target_compile_options(${target} PRIVATE
       -fsanitize=${sanitizers} -fno-sanitize-recover=all -fno-omit-frame-pointer)
     target_link_options(${target} PRIVATE -fsanitize=${sanitizers})
+    if(CMAKE_CXX_COMPILER_ID MATCHES "Clang")
+      target_compile_options(${target} PRIVATE
+        "-fsanitize-ignorelist=${PROJECT_SOURCE_DIR}/cmake/sanitizer_ignorelist.txt")
+    endif()
     # Kernels take longest to compile under sanitizers. Three targets find what five would: plain
     # loops, vectors that take masks, vectors that do not. (SVE: see the rooms' simd.hpp.)
     target_compile_definitions(${target} PRIVATE
