@@ -120,6 +120,9 @@ function(dynslam_add_component room)
     set(visible PUBLIC)
     dynslam_apply_build_flags(${target})
     dynslam_precompile_headers(${target} ${arg_PRECOMPILE})
+    if(DYNSLAM_JOIN_LIBRARIES)
+      dynslam_join_sources(${target})
+    endif()
     set_target_properties(${target} PROPERTIES
       VERSION "${PROJECT_VERSION}"
       SOVERSION "${PROJECT_VERSION_MAJOR}.${PROJECT_VERSION_MINOR}"

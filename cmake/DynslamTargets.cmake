@@ -13,6 +13,22 @@ function(dynslam_precompile_headers target)
   endif()
 endfunction()
 
+# dynslam_join_sources(<target>)
+#
+# Compiles its files eight at a time, so that what they instantiate is compiled once. Left out
+# are those that go on their own: kernels, which include themselves once for every instruction set,
+# and what replaces operator new, because compilers look through it where they see it.
+function(dynslam_join_sources target)
+  set_target_properties(${target} PROPERTIES UNITY_BUILD ON)
+  get_target_property(sources ${target} SOURCES)
+  foreach(source IN LISTS sources)
+    file(STRINGS "${source}" own REGEX "HWY_TARGET_INCLUDE|operator new" LIMIT_COUNT 1)
+    if(own)
+      set_source_files_properties("${source}" PROPERTIES SKIP_UNITY_BUILD_INCLUSION ON)
+    endif()
+  endforeach()
+endfunction()
+
 # dynslam_apply_build_flags(<target>)
 #
 # Warnings, sanitizers and reproducible floating point. There is no -march here and there must

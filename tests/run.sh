@@ -199,13 +199,13 @@ check_format
 
 # Headers are checked in both standards and by both compilers, each compiler in one of them: all
 # four pairs would take minutes more. `header_checks` of a plain build has both standards.
-# The libraries are compiled file by file, in `release` without precompiled headers, as users do;
-# files of the tests and of the program are compiled joined.
+# In `release` the libraries are compiled file by file and without precompiled headers, as users do;
+# under sanitizers their files are compiled joined, those of the tests and of the program in both.
 export CXX=g++
 build_preset release 17
 test_preset release
 
-build_preset asan 20 -DDYNSLAM_PRECOMPILE_HEADERS=ON
+build_preset asan 20 -DDYNSLAM_JOIN_LIBRARIES=ON -DDYNSLAM_PRECOMPILE_HEADERS=ON
 ASAN_OPTIONS=detect_stack_use_after_return=1:strict_string_checks=1 \
   LSAN_OPTIONS="suppressions=$source_dir/tests/lsan.supp:print_suppressions=0" \
   UBSAN_OPTIONS=print_stacktrace=1 test_preset asan
@@ -242,7 +242,7 @@ consumer add_subdirectory add_subdirectory -DDYNSLAM_TREE="$source_dir" "${witho
 # then faster, and without what no package changes (header checks, examples).
 without_optimization=(-G Ninja -DCMAKE_CXX_COMPILER=clang++ -DCMAKE_BUILD_TYPE=Debug
   -DCMAKE_CXX_FLAGS_DEBUG=-O0 -DDYNSLAM_BUILD_EXAMPLES=OFF -DDYNSLAM_WARNINGS_AS_ERRORS=ON
-  -DDYNSLAM_JOIN_SOURCES=ON -DDYNSLAM_PRECOMPILE_HEADERS=ON)
+  -DDYNSLAM_JOIN_SOURCES=ON -DDYNSLAM_JOIN_LIBRARIES=ON -DDYNSLAM_PRECOMPILE_HEADERS=ON)
 
 begin "from source: $lone_rooms without OpenCV, Ceres and Highway"
 quietly "$logs/lone-rooms.log" cmake -S . -B "$build_root/lone_rooms" "${without_optimization[@]}" \

@@ -11,7 +11,7 @@
 namespace dynslam::attention::detail {
 namespace {
 
-constexpr const char* kFunction = "operator of dynslam";
+constexpr const char* kOperator = "operator of dynslam";
 
 /// Writes and reads have the same shape: `visit(archive, weights)` goes through all members.
 class Writer {
@@ -35,20 +35,20 @@ class Reader {
   static constexpr bool kReads = true;
 
   void number(int& value) {
-    require(at_ < layout_.size(), kFunction, "layout.size()", layout_.size(), "more");
+    require(at_ < layout_.size(), kOperator, "layout.size()", layout_.size(), "more");
     const std::int64_t stored = layout_[at_++];
-    require(stored >= 0 && stored <= (1 << 20), kFunction, "layout", stored, "0..1048576");
+    require(stored >= 0 && stored <= (1 << 20), kOperator, "layout", stored, "0..1048576");
     value = static_cast<int>(stored);
   }
   void array(std::vector<float>& values, std::size_t size) {
-    require(size <= values_.size() - used_, kFunction, "weights.size()", values_.size(), "more");
+    require(size <= values_.size() - used_, kOperator, "weights.size()", values_.size(), "more");
     const Span<const float> part = values_.subspan(used_, size);
     values.assign(part.begin(), part.end());
     used_ += size;
   }
   void finish() const {
-    require(at_ == layout_.size(), kFunction, "layout.size()", layout_.size(), at_);
-    require(used_ == values_.size(), kFunction, "weights.size()", values_.size(), used_);
+    require(at_ == layout_.size(), kOperator, "layout.size()", layout_.size(), at_);
+    require(used_ == values_.size(), kOperator, "weights.size()", values_.size(), used_);
   }
 
  private:
@@ -69,7 +69,7 @@ template <typename Archive>
 void visit(Archive& archive, Activation& activation) {
   int value = static_cast<int>(activation);
   archive.number(value);
-  require(value <= static_cast<int>(Activation::kSilu), kFunction, "activation", value, "0..2");
+  require(value <= static_cast<int>(Activation::kSilu), kOperator, "activation", value, "0..2");
   activation = static_cast<Activation>(value);
 }
 
@@ -289,11 +289,11 @@ std::unique_ptr<AnyLayer> make_layer(const std::string& op, Span<const std::int6
   }
   if (op == "Cbam") {
     const auto node = read_back<CbamNode>(layout, values);
-    require(node.order <= static_cast<int>(CbamOrder::kNone), kFunction, "order", node.order,
+    require(node.order <= static_cast<int>(CbamOrder::kNone), kOperator, "order", node.order,
             "0..4");
     return std::make_unique<CbamLayer>(node);
   }
-  throw_invalid_argument(kFunction, "name", op,
+  throw_invalid_argument(kOperator, "name", op,
                          "GhostC3, GhostBottleneck, GhostModule, Dfc or Cbam");
 }
 

@@ -9,7 +9,7 @@
 namespace dynslam::attention {
 namespace {
 
-constexpr const char* kFunction = "load";
+constexpr const char* kLoad = "load";
 
 std::string shape_text(const std::vector<std::int64_t>& shape) {
   std::string text;
@@ -42,7 +42,7 @@ std::vector<float> vector_of(const SafeTensors& file, const std::string& name, s
 template <typename Weights>
 Weights checked(const SafeTensors& file, const std::string& prefix, Weights weights) {
   try {
-    weights.validate(kFunction);
+    weights.validate(kLoad);
   } catch (const InvalidArgument& error) {
     throw_io_error(file.name(), "layer \"" + prefix + "\": " + error.what());
   }
@@ -68,7 +68,7 @@ Convolution load_convolution(const SafeTensors& file, const std::string& prefix,
     convolution.bias = vector_of(file, prefix + "conv.bias", channels);
   }
   try {
-    convolution.validate(kFunction, prefix + "conv");
+    convolution.validate(kLoad, prefix + "conv");
     if (!file.contains(prefix + "bn.weight")) return convolution;
     const auto gamma = vector_of(file, prefix + "bn.weight", channels);
     const auto beta = vector_of(file, prefix + "bn.bias", channels);

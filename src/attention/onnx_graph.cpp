@@ -143,6 +143,11 @@ bool read_graph(std::string_view graph, Model& model) {
 
 }  // namespace
 
+const Attribute* attribute_of(const Node& node, const char* name) {
+  const auto found = node.attributes.find(name);
+  return found == node.attributes.end() ? nullptr : &found->second;
+}
+
 void read_model(Span<const std::uint8_t> bytes, const std::string& name, Model& model) {
   model.bytes.assign(reinterpret_cast<const char*>(bytes.data()), bytes.size());
   FieldReader reader(model.bytes);

@@ -38,6 +38,9 @@ struct Node {
   std::string encoded;  ///< the whole NodeProto
 };
 
+/// nullptr if the node has no such attribute.
+const Attribute* attribute_of(const Node& node, const char* name);
+
 /// A model. Views refer to `bytes`, so models are not copied.
 struct Model {
   Model() = default;

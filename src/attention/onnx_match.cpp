@@ -11,11 +11,6 @@ namespace {
 
 using Ints = std::vector<std::int64_t>;
 
-const Attribute* attribute_of(const Node& node, const char* name) {
-  const auto found = node.attributes.find(name);
-  return found == node.attributes.end() ? nullptr : &found->second;
-}
-
 std::int64_t integer_of(const Node& node, const char* name, std::int64_t otherwise) {
   const Attribute* attribute = attribute_of(node, name);
   return attribute == nullptr ? otherwise : attribute->integer;

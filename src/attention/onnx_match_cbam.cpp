@@ -15,11 +15,6 @@ using Ints = std::vector<std::int64_t>;
 constexpr std::initializer_list<const char*> kShapers = {"Flatten",   "Reshape", "Squeeze",
                                                          "Unsqueeze", "Expand",  "Identity"};
 
-const Attribute* attribute_of(const Node& node, const char* name) {
-  const auto found = node.attributes.find(name);
-  return found == node.attributes.end() ? nullptr : &found->second;
-}
-
 bool is_zero_or_absent(const Node& node, const char* name) {
   const Attribute* attribute = attribute_of(node, name);
   if (attribute == nullptr) return true;

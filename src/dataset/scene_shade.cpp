@@ -11,7 +11,7 @@ namespace {
 using Eigen::Vector3d;
 using Eigen::Vector3f;
 
-constexpr float kPi = 3.14159265F;
+constexpr float kHalfTurn = 3.14159265F;
 
 /// Logarithm to the base of two, to 0.09; x > 0. Enough to choose a mip level.
 inline float rough_log2(float x) {
@@ -27,8 +27,8 @@ inline float rough_atan2(float y, float x) {
   const float q = small / big, q2 = q * q;
   float a = q * (0.9998660F +
                  q2 * (-0.3302995F + q2 * (0.1801410F + q2 * (-0.0851330F + q2 * 0.0208351F))));
-  a = ay > ax ? 0.5F * kPi - a : a;
-  a = x < 0.0F ? kPi - a : a;
+  a = ay > ax ? 0.5F * kHalfTurn - a : a;
+  a = x < 0.0F ? kHalfTurn - a : a;
   return y < 0.0F ? -a : a;
 }
 

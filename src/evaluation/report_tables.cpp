@@ -11,7 +11,7 @@
 namespace dynslam::evaluation {
 namespace {
 
-constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+constexpr double kNoTime = std::numeric_limits<double>::quiet_NaN();
 
 std::string tag(const std::string& name, const std::string& content, const char* attributes = "") {
   return "<" + name + attributes + ">" + content + "</" + name + ">";
@@ -277,7 +277,7 @@ std::string comparison_html(const ReportContext& context) {
     for (const std::vector<double>& column : columns) {
       row += tag("td", short_number(column[i], 4), best_of(column) == i ? " class=\"best\"" : "");
     }
-    const double gain = i == 0 ? kNaN : improvement_percent(columns[0][i], columns[0][0]);
+    const double gain = i == 0 ? kNoTime : improvement_percent(columns[0][i], columns[0][0]);
     row += tag("td", gain_text(gain));
     body += tag("tr", row, i == 0 ? " class=\"subject\"" : "") + "\n";
   }
@@ -296,14 +296,14 @@ std::string stages_html(const ReportContext& context) {
   if (whole <= 0.0) {
     for (const StageTimes& stage : run.stages) whole += stage.parallel ? 0.0 : sum_of(stage.ms);
   }
-  if (whole <= 0.0) whole = kNaN;  // nothing to take a share of
+  if (whole <= 0.0) whole = kNoTime;  // nothing to take a share of
   std::string body;
   for (const StageTimes& stage : run.stages) {
     const std::string name = escape_html(stage.name);
-    body += stage.parallel ? times_row(name + " <small>beside tracking</small>", stage.ms, kNaN)
+    body += stage.parallel ? times_row(name + " <small>beside tracking</small>", stage.ms, kNoTime)
                            : times_row(name, stage.ms, whole);
   }
-  if (!run.frame_ms.empty()) body += times_row("whole frame", run.frame_ms, kNaN);
+  if (!run.frame_ms.empty()) body += times_row("whole frame", run.frame_ms, kNoTime);
   return "<h2>Time</h2>\n" + table(cells({"milliseconds", "frames", "median", "mean", "95 %", "max",
                                           "share of tracking"},
                                          "th"),

@@ -12,7 +12,7 @@ namespace dynslam::evaluation {
 namespace {
 
 // Decimal timestamps are not exact in binary; a step at the very limit is within it.
-constexpr double kRounding = 1e-9;
+constexpr double kStepRounding = 1e-9;
 
 using IndexPairs = std::vector<std::pair<std::size_t, std::size_t>>;
 
@@ -36,7 +36,7 @@ std::optional<std::size_t> partner(const std::vector<double>& at, std::size_t i,
     const auto below = std::lower_bound(first, best, *(best - 1));
     if (best == at.end() || goal - *below <= *best - goal) best = below;
   }
-  if (best == at.end() || std::abs(*best - goal) > tolerance * delta + kRounding)
+  if (best == at.end() || std::abs(*best - goal) > tolerance * delta + kStepRounding)
     return std::nullopt;
   return static_cast<std::size_t>(best - at.begin());
 }

@@ -9,7 +9,7 @@
 namespace dynslam::evaluation {
 namespace {
 
-constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+constexpr double kGap = std::numeric_limits<double>::quiet_NaN();
 constexpr double kBreakSteps = 10.0;
 constexpr const char* kTruthColor = "#b4bdc6";
 constexpr const char* kErrorColor = "#e58a7b";
@@ -41,8 +41,8 @@ class LineBuilder {
   LineBuilder(PlotSeries& series, const std::vector<double>& times)
       : series_(series), break_time_(break_time(times)) {}
 
-  void add(double time, double x, double y, double value = kNaN) {
-    if (!series_.x.empty() && time - last_ > break_time_) push(kNaN, kNaN, kNaN);
+  void add(double time, double x, double y, double value = kGap) {
+    if (!series_.x.empty() && time - last_ > break_time_) push(kGap, kGap, kGap);
     push(x, y, value);
     last_ = time;
   }

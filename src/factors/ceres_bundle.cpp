@@ -17,17 +17,10 @@
 
 #include "factors/ceres_keyframe_cost.hpp"
 #include "factors/ceres_routes.hpp"
+#include "factors/observations.hpp"
 
 namespace dynslam::factors {
 namespace {
-
-constexpr float kLargest = 1e9F;
-
-bool in_reach(float value) { return std::abs(value) < kLargest; }
-
-bool has_depth(const BundleObservation& o) {
-  return o.right_column >= 0.0F && in_reach(o.right_column);
-}
 
 class AbortCallback final : public ceres::IterationCallback {
  public:
@@ -85,18 +78,13 @@ class Route {
 // The same rule as the Schur solver's: finite and trusted; three rows for a point that is free.
 void Route::select() {
   std::vector<int> rows(points_.size(), 0);
-  const auto usable = [&](const BundleObservation& o) {
-    const Eigen::Vector3d& X = points_[o.point];
-    return o.weight > 0.0F && o.inverse_sigma > 0.0F && o.inverse_sigma < 1e6F && in_reach(o.u) &&
-           in_reach(o.v) && X.allFinite() && X.cwiseAbs().maxCoeff() < kLargest;
-  };
   for (const BundleObservation& o : in_.observations)
-    if (usable(o)) rows[o.point] += has_depth(o) ? 3 : 2;
+    if (usable(o, points_[o.point])) rows[o.point] += has_depth(o) ? 3 : 2;
   phi_.assign(in_.observations.size(), 0.0);
   for (std::size_t i = 0; i < in_.observations.size(); ++i) {
     const BundleObservation& o = in_.observations[i];
     const bool point_held = held(in_.point_fixed, o.point);
-    if (!usable(o) || (rows[o.point] < 3 && !point_held)) continue;
+    if (!usable(o, points_[o.point]) || (rows[o.point] < 3 && !point_held)) continue;
     chosen_.push_back(i);
     double s = 0.0;
     if (!project(o, &s)) s = 1e6;
@@ -197,7 +185,7 @@ void Route::build(ceres::Problem* problem, ceres::ParameterBlockOrdering* orderi
   }
 }
 
-const char* name_of(const ceres::Solver::Summary& summary) {
+const char* schur_name(const ceres::Solver::Summary& summary) {
   if (summary.linear_solver_type_used == ceres::DENSE_SCHUR) return "Ceres DENSE_SCHUR";
   if (summary.linear_solver_type_used != ceres::SPARSE_SCHUR) return "Ceres DENSE_QR";
   switch (summary.sparse_linear_algebra_library_type) {
@@ -256,7 +244,7 @@ BundleSummary Route::run() {
     if (held(in_.keyframe_fixed, k)) continue;
     poses_[k] = CeresKeyframes::pose_of(keyframes_.states[k]);
   }
-  summary.linear_solver = name_of(result);
+  summary.linear_solver = schur_name(result);
   summary.iterations = static_cast<int>(result.iterations.size()) - 1;
   switch (result.termination_type) {
     case ceres::CONVERGENCE:

@@ -12,7 +12,7 @@
 namespace dynslam::factors {
 namespace {
 
-constexpr const char* kWhere = "optimize_pose_graph";
+constexpr const char* kOptimizePoseGraph = "optimize_pose_graph";
 
 bool proper(const RigidTransform& T) { return T.all_finite(); }
 bool proper(const Similarity& S) { return S.all_finite() && S.s > 0.0; }
@@ -37,19 +37,20 @@ Similarity cleaned(const Similarity& S) {
 
 // L with L'L = information; a direction of information 0 is free.
 Eigen::MatrixXd square_root(const Eigen::MatrixXd& information) {
-  require(information.allFinite(), kWhere, "edges.information", "NaN or infinity",
+  require(information.allFinite(), kOptimizePoseGraph, "edges.information", "NaN or infinity",
           "a finite matrix");
   const double largest = std::max(1e-300, information.cwiseAbs().maxCoeff());
-  require((information - information.transpose()).cwiseAbs().maxCoeff() <= 1e-9 * largest, kWhere,
-          "edges.information", "a matrix that is not symmetric", "a symmetric matrix");
+  require((information - information.transpose()).cwiseAbs().maxCoeff() <= 1e-9 * largest,
+          kOptimizePoseGraph, "edges.information", "a matrix that is not symmetric",
+          "a symmetric matrix");
   const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(information);
-  require(eigen.eigenvalues()[0] >= -1e-9 * largest, kWhere, "edges.information",
+  require(eigen.eigenvalues()[0] >= -1e-9 * largest, kOptimizePoseGraph, "edges.information",
           eigen.eigenvalues()[0], "no negative eigenvalue");
   return eigen.eigenvalues().cwiseMax(0.0).cwiseSqrt().asDiagonal() *
          eigen.eigenvectors().transpose();
 }
 
-const char* name_of(const ceres::Solver::Summary& summary) {
+const char* cholesky_name(const ceres::Solver::Summary& summary) {
   switch (summary.sparse_linear_algebra_library_type) {
     case ceres::SUITE_SPARSE:
       return "Ceres SPARSE_NORMAL_CHOLESKY (SUITE_SPARSE)";
@@ -62,17 +63,19 @@ const char* name_of(const ceres::Solver::Summary& summary) {
 
 template <typename Node, typename Edge>
 void check(Span<Node> nodes, Span<const Edge> edges, Span<const std::uint8_t> fixed) {
-  require(fixed.empty() || fixed.size() == nodes.size(), kWhere, "fixed", fixed.size(),
+  require(fixed.empty() || fixed.size() == nodes.size(), kOptimizePoseGraph, "fixed", fixed.size(),
           "as many as nodes, or none");
   for (const Node& node : nodes)
-    require(proper(node), kWhere, "nodes", "NaN, infinity or a scale <= 0", "finite poses");
+    require(proper(node), kOptimizePoseGraph, "nodes", "NaN, infinity or a scale <= 0",
+            "finite poses");
   for (const Edge& edge : edges) {
-    require(edge.from < nodes.size(), kWhere, "edges.from", edge.from, "an index of a node");
-    require(edge.to < nodes.size(), kWhere, "edges.to", edge.to, "an index of a node");
-    require(edge.from != edge.to, kWhere, "edges", "an edge from a node to itself",
+    require(edge.from < nodes.size(), kOptimizePoseGraph, "edges.from", edge.from,
+            "an index of a node");
+    require(edge.to < nodes.size(), kOptimizePoseGraph, "edges.to", edge.to, "an index of a node");
+    require(edge.from != edge.to, kOptimizePoseGraph, "edges", "an edge from a node to itself",
             "two different nodes");
-    require(proper(measurement(edge)), kWhere, "edges.measurement", "NaN, infinity or a scale <= 0",
-            "a finite motion");
+    require(proper(measurement(edge)), kOptimizePoseGraph, "edges.measurement",
+            "NaN, infinity or a scale <= 0", "a finite motion");
   }
 }
 
@@ -119,7 +122,7 @@ PoseGraphSummary run(Span<Node> nodes, Span<const Edge> edges, Span<const std::u
   summary.initial_cost = result.initial_cost;
   summary.final_cost = result.final_cost;
   summary.iterations = static_cast<int>(result.iterations.size()) - 1;
-  summary.linear_solver = name_of(result);
+  summary.linear_solver = cholesky_name(result);
   switch (result.termination_type) {
     case ceres::CONVERGENCE:
       summary.status = SolveStatus::kConverged;

@@ -12,17 +12,14 @@
 #include "dynslam/core/errors.hpp"
 #include "dynslam/factors/static_weight.hpp"
 
+#include "factors/observations.hpp"
 #include "factors/pose_solver.hpp"
 
 namespace dynslam::factors {
 namespace {
 
 constexpr const char* kWhere = "PoseOptimizer::optimize";
-// Nothing measured lies farther away; beyond, products overflow.
-constexpr double kLargest = 1e9;
 constexpr double kLargestInformation = 1e12;
-
-bool in_reach(double value) { return std::abs(value) < kLargest; }  // false for NaN
 
 void check_size(std::size_t got, std::size_t expected, const char* name) {
   require(got == 0 || got == expected, kWhere, name, got, "as many as points_world, or none");

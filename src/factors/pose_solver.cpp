@@ -11,23 +11,19 @@
 #include "dynslam/factors/lie_jacobians.hpp"
 #include "dynslam/factors/static_weight.hpp"
 
+#include "factors/damping.hpp"
+
 namespace dynslam::factors {
 namespace {
 
 constexpr int kArrays = 18;
-// Graduation: the weight prior starts soft enough for a residual of this many times the mean to
-// keep half of its weight, and stiffens at least by the factor below each step.
-constexpr double kSoftness = 1.5;
-constexpr double kStiffening = 8.0;
 // Relative to a unit diagonal; below, a direction of the pose is not determined by the data.
 constexpr double kDegeneratePivot = 1e-10;
 // A step this small whose predicted gain drowns in rounding is taken without asking the cost.
 constexpr double kPolishStep = 1e-6;
-constexpr double kRounding = 1e-13;
+constexpr double kPolishRounding = 1e-13;
 // The approach ends when a step gains less than this share of the cost.
 constexpr double kNearGain = 0.03;
-constexpr double kMinDamping = 1e-12;
-constexpr double kMaxDamping = 1e12;
 
 std::size_t padded(std::size_t n) {
   return (n + kernels::kPointPadding - 1) / kernels::kPointPadding * kernels::kPointPadding;
@@ -199,7 +195,7 @@ SolveStatus PoseSolver::run(bool graduate, bool plain) {
     }
     const double trial_cost = weigh(a_.s_trial, a_.phi_trial, phase) + prior_cost(trial);
     const double size = step.norm();
-    const double slack = size < kPolishStep ? kRounding * cost : 0.0;
+    const double slack = size < kPolishStep ? kPolishRounding * cost : 0.0;
     const bool leaps = phase.near && cost - trial_cost > kNearGain * cost;
     if (leaps || !(trial_cost <= cost + slack)) {
       if (size < options_.step_tolerance || phase.damping > kMaxDamping)

@@ -1,19 +1,12 @@
 // Which observations take part, and the structure of the normal equations.
 #include <algorithm>
-#include <cmath>
 #include <unordered_map>
 
+#include "factors/observations.hpp"
 #include "factors/schur_kernels.hpp"
 #include "factors/schur_solver.hpp"
 
 namespace dynslam::factors {
-namespace {
-
-constexpr float kLargest = 1e9F;
-
-bool in_reach(float value) { return std::abs(value) < kLargest; }  // false for NaN
-
-}  // namespace
 
 void SchurSolver::collect(const BundleProblem& problem) {
   camera_ = problem.camera;
@@ -21,23 +14,16 @@ void SchurSolver::collect(const BundleProblem& problem) {
   points_.assign(problem.points_world.begin(), problem.points_world.end());
   items_.clear();
   std::vector<int> rows(points_.size(), 0);
-  const auto usable = [&](const BundleObservation& o) {
-    const Eigen::Vector3d& X = points_[o.point];
-    return o.weight > 0.0F && o.inverse_sigma > 0.0F && o.inverse_sigma < 1e6F && in_reach(o.u) &&
-           in_reach(o.v) && X.allFinite() && X.cwiseAbs().maxCoeff() < kLargest;
-  };
-  const auto has_depth = [](const BundleObservation& o) {
-    return o.right_column >= 0.0F && in_reach(o.right_column);
-  };
   for (const BundleObservation& o : problem.observations)
-    if (usable(o)) rows[o.point] += has_depth(o) ? 3 : 2;
+    if (usable(o, points_[o.point])) rows[o.point] += has_depth(o) ? 3 : 2;
   const auto held = [](Span<const std::uint8_t> flags, std::size_t i) {
     return !flags.empty() && flags[i] != 0;
   };
   // Items in the order of points, by counting; a free point needs three rows to be determined.
   std::vector<std::uint32_t> begin(points_.size() + 1, 0);
   const auto takes_part = [&](const BundleObservation& o) {
-    return usable(o) && (rows[o.point] >= 3 || held(problem.point_fixed, o.point));
+    return usable(o, points_[o.point]) &&
+           (rows[o.point] >= 3 || held(problem.point_fixed, o.point));
   };
   for (const BundleObservation& o : problem.observations)
     if (takes_part(o)) ++begin[o.point + 1];

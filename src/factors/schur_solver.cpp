@@ -6,20 +6,16 @@
 
 #include <Eigen/LU>
 
+#include "factors/damping.hpp"
 #include "factors/schur_kernels.hpp"
 
 namespace dynslam::factors {
 namespace {
 
-constexpr double kMinDamping = 1e-12;
-constexpr double kMaxDamping = 1e12;
 constexpr double kRounding = 1e-14;
-// As in the pose optimizer: plain reweighting far from the optimum, when that is over, and how
-// the weight prior starts soft and stiffens.
+// As in the pose optimizer: plain reweighting far from the optimum, and when that is over.
 constexpr double kFarShare = 0.0;
-constexpr double kNearGain = 0.1;
-constexpr double kSoftness = 1.5;
-constexpr double kStiffening = 8.0;
+constexpr double kNearBundleGain = 0.1;
 
 // Inverse of a symmetric 3 x 3 matrix that is positive definite; false if it is not.
 bool invert(const Eigen::Matrix3d& V, double* out) {
@@ -291,7 +287,7 @@ SolveStatus SchurSolver::iterate(const BundleOptions& options, WeighingRule* rul
       continue;
     }
     if (gain <= options.cost_tolerance * cost) return SolveStatus::kConverged;
-    rule->share = gain < kNearGain * cost ? 1.0 : kFarShare;
+    rule->share = gain < kNearBundleGain * cost ? 1.0 : kFarShare;
     if (i + 1 < options.max_iterations) linearize(*rule);
   }
   return SolveStatus::kMaxIterations;

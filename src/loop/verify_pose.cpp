@@ -1,7 +1,6 @@
 // Camera pose from points and their pixels: P3P RANSAC and Gauss-Newton.
 #include <array>
 #include <cmath>
-#include <complex>
 #include <string>
 
 #include <Eigen/Cholesky>
@@ -22,19 +21,30 @@ using Eigen::Index;
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
-// Real roots of c[4] x^4 + ... + c[0], as eigenvalues of the companion matrix.
+// Real roots of c[4] x^4 + ... + c[0], as eigenvalues of the companion matrix. It is a Hessenberg
+// matrix as it stands, which spares the compiler the reduction to one.
 int solve_quartic(const std::array<double, 5>& c, std::array<double, 4>& roots) {
   if (!(std::abs(c[4]) > 1e-12)) return 0;
   Eigen::Matrix4d companion = Eigen::Matrix4d::Zero();
   companion(1, 0) = companion(2, 1) = companion(3, 2) = 1.0;
   for (Index i = 0; i < 4; ++i) companion(i, 3) = -c[static_cast<std::size_t>(i)] / c[4];
   if (!companion.allFinite()) return 0;
-  const Eigen::EigenSolver<Eigen::Matrix4d> solver(companion, false);
-  if (solver.info() != Eigen::Success) return 0;
+  const double scale = companion.cwiseAbs().maxCoeff();
+  companion /= scale;
+  Eigen::RealSchur<Eigen::Matrix4d> schur;
+  schur.computeFromHessenberg(companion, companion, false);
+  if (schur.info() != Eigen::Success) return 0;
+  const Eigen::Matrix4d T = scale * schur.matrixT();
   std::size_t count = 0;
   for (Index i = 0; i < 4; ++i) {
-    const std::complex<double> root = solver.eigenvalues()(i);
-    if (std::abs(root.imag()) < 1e-4 * (1.0 + std::abs(root.real()))) roots[count++] = root.real();
+    double real = T(i, i), imaginary = 0.0;
+    if (i < 3 && T(i + 1, i) != 0.0) {  // two conjugate roots
+      const double half = 0.5 * (T(i, i) - T(i + 1, i + 1));
+      real = T(i + 1, i + 1) + half;
+      imaginary = std::sqrt(std::abs(half * half + T(i + 1, i) * T(i, i + 1)));
+      ++i;
+    }
+    if (imaginary < 1e-4 * (1.0 + std::abs(real))) roots[count++] = real;
   }
   return static_cast<int>(count);
 }

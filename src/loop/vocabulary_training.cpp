@@ -19,10 +19,11 @@ namespace {
 
 constexpr std::size_t kPiece = 1U << 15;  // rows that one thread takes at a time
 
-/// Random numbers of a node: the same whoever splits it, and when.
-class Random {
+/// NodeRandom numbers of a node: the same whoever splits it, and when.
+class NodeRandom {
  public:
-  Random(std::uint64_t seed, std::uint64_t node) : state_(seed ^ (node + 1) * 0x9E3779B97F4A7C15U) {
+  NodeRandom(std::uint64_t seed, std::uint64_t node)
+      : state_(seed ^ (node + 1) * 0x9E3779B97F4A7C15U) {
     next();
   }
   /// SplitMix64 (Steele, Lea & Flood 2014).
@@ -155,7 +156,7 @@ class Trainer {
   /// k-means++. Stops early when every row is a seed, or equal to one.
   void seed_centres(const std::uint32_t* rows, const Node& node,
                     std::vector<std::uint64_t>& centres, int threads) {
-    Random random(options_.seed, std::uint64_t{node.parent} + 1);
+    NodeRandom random(options_.seed, std::uint64_t{node.parent} + 1);
     std::vector<std::uint16_t> distances(node.size(), 0xFFFF);
     std::vector<std::uint64_t> sums((node.size() + kPiece - 1) / kPiece);
     std::size_t chosen = random.below(node.size());

@@ -14,39 +14,41 @@ namespace dynslam::loop {
 namespace detail {
 namespace {
 
-std::string text(std::uint64_t value) { return std::to_string(value); }
-std::string row_text(std::size_t row) { return "row " + text(row) + ": "; }
+std::string decimal(std::uint64_t value) { return std::to_string(value); }
+std::string row_text(std::size_t row) { return "row " + decimal(row) + ": "; }
 
 std::optional<std::string> problem_of_sizes(const VocabularyTree& tree) {
   const auto bad = [](const char* what, auto got, const std::string& expected) {
     return std::string(what) + " is " + std::to_string(got) + ", expected " + expected;
   };
-  if (tree.k < 1 || tree.k > kMaxChildren) return bad("k", tree.k, "1 .. " + text(kMaxChildren));
+  if (tree.k < 1 || tree.k > kMaxChildren) return bad("k", tree.k, "1 .. " + decimal(kMaxChildren));
   if (tree.levels < 1 || tree.levels > kMaxLevels)
-    return bad("levels", tree.levels, "1 .. " + text(kMaxLevels));
+    return bad("levels", tree.levels, "1 .. " + decimal(kMaxLevels));
   if (tree.descriptor_bytes < 1 || tree.descriptor_bytes > kMaxDescriptorBytes)
-    return bad("descriptor_bytes", tree.descriptor_bytes, "1 .. " + text(kMaxDescriptorBytes));
+    return bad("descriptor_bytes", tree.descriptor_bytes, "1 .. " + decimal(kMaxDescriptorBytes));
   if (static_cast<int>(tree.weighting) > 3)
     return bad("weighting", static_cast<int>(tree.weighting), "0 .. 3");
   if (static_cast<int>(tree.scoring) > 5)
     return bad("scoring", static_cast<int>(tree.scoring), "0 .. 5");
   const std::size_t nodes = tree.nodes();
   if (nodes < 2 || nodes > kMaxNodes)
-    return bad("number of nodes", nodes, "2 .. " + text(kMaxNodes));
+    return bad("number of nodes", nodes, "2 .. " + decimal(kMaxNodes));
   const std::size_t bytes = nodes * static_cast<std::size_t>(tree.descriptor_bytes);
   if (tree.descriptors.size() != bytes)
-    return bad("descriptors.size()", tree.descriptors.size(), text(bytes));
+    return bad("descriptors.size()", tree.descriptors.size(), decimal(bytes));
   const std::size_t stride = descriptor_stride(static_cast<std::size_t>(tree.descriptor_bytes));
   if (nodes * (stride + 20) / 8 >= kLeafBit)
     return bad("number of nodes", nodes, "fewer: links reach 16 GB");
-  if (tree.words.size() != nodes) return bad("words.size()", tree.words.size(), text(nodes));
-  if (tree.weights.size() != nodes) return bad("weights.size()", tree.weights.size(), text(nodes));
+  if (tree.words.size() != nodes) return bad("words.size()", tree.words.size(), decimal(nodes));
+  if (tree.weights.size() != nodes)
+    return bad("weights.size()", tree.weights.size(), decimal(nodes));
   if (!tree.ids.empty() && tree.ids.size() != nodes)
-    return bad("ids.size()", tree.ids.size(), "0 or " + text(nodes));
+    return bad("ids.size()", tree.ids.size(), "0 or " + decimal(nodes));
   if (tree.parents[0] != 0) return bad("parent of the root", tree.parents[0], "0");
   for (std::size_t row = 1; row < nodes; ++row) {
     if (tree.parents[row] >= nodes)
-      return row_text(row) + "parent " + text(tree.parents[row]) + " of " + text(nodes) + " nodes";
+      return row_text(row) + "parent " + decimal(tree.parents[row]) + " of " + decimal(nodes) +
+             " nodes";
   }
   return std::nullopt;
 }
@@ -54,11 +56,13 @@ std::optional<std::string> problem_of_sizes(const VocabularyTree& tree) {
 std::optional<std::string> problem_of_ids(const VocabularyTree& tree) {
   if (tree.ids.empty()) return std::nullopt;
   std::vector<bool> seen(tree.nodes(), false);
-  if (tree.ids[0] != 0) return "id of the root is " + text(tree.ids[0]) + ", expected 0";
+  if (tree.ids[0] != 0) return "id of the root is " + decimal(tree.ids[0]) + ", expected 0";
   for (std::size_t row = 0; row < tree.nodes(); ++row) {
     if (tree.ids[row] >= tree.nodes())
-      return row_text(row) + "id " + text(tree.ids[row]) + " of " + text(tree.nodes()) + " nodes";
-    if (seen[tree.ids[row]]) return row_text(row) + "id " + text(tree.ids[row]) + " a second time";
+      return row_text(row) + "id " + decimal(tree.ids[row]) + " of " + decimal(tree.nodes()) +
+             " nodes";
+    if (seen[tree.ids[row]])
+      return row_text(row) + "id " + decimal(tree.ids[row]) + " a second time";
     seen[tree.ids[row]] = true;
   }
   return std::nullopt;
@@ -77,13 +81,13 @@ std::optional<std::string> problem_of_words(const VocabularyTree& tree) {
     if (word == kNoWord) continue;
     const double weight = tree.weights[row];
     if (word >= limit)
-      return row_text(row) + "word " + text(word) + " in a tree of " + text(tree.nodes()) +
+      return row_text(row) + "word " + decimal(word) + " in a tree of " + decimal(tree.nodes()) +
              " nodes";
     if (!(weight >= 0.0 && weight <= kMaxWordWeight))
       return row_text(row) + "weight " + std::to_string(weight) + ", expected 0 .. 1e12";
     if (word >= weights.size()) weights.resize(word + std::size_t{1}, -1.0);
     if (weights[word] >= 0.0 && weights[word] != weight)
-      return row_text(row) + "word " + text(word) + " a second time, with another weight";
+      return row_text(row) + "word " + decimal(word) + " a second time, with another weight";
     weights[word] = weight;
   }
   return std::nullopt;
@@ -113,19 +117,21 @@ std::optional<std::string> problem_of_tree(const VocabularyTree& tree) {
     for (const std::uint32_t row : level) {
       const Span<const std::uint32_t> own = children.of(row);
       if (own.size() > static_cast<std::size_t>(tree.k))
-        return row_text(row) + text(own.size()) + " children, expected at most " + text(tree.k);
+        return row_text(row) + decimal(own.size()) + " children, expected at most " +
+               decimal(tree.k);
       const bool is_word = row != 0 && tree.words[row] != kNoWord;
       if (is_word && !own.empty()) return row_text(row) + "is a word and has children";
       if (!is_word && own.empty()) return row_text(row) + "is no word and has no children";
       if (depth > tree.levels)
-        return row_text(row) + "lies deeper than the " + text(tree.levels) + " levels of the tree";
+        return row_text(row) + "lies deeper than the " + decimal(tree.levels) +
+               " levels of the tree";
       below.insert(below.end(), own.begin(), own.end());
     }
     reached += below.size();
     level.swap(below);
   }
   if (reached != tree.nodes()) {
-    return text(tree.nodes() - reached) + " of " + text(tree.nodes()) +
+    return decimal(tree.nodes() - reached) + " of " + decimal(tree.nodes()) +
            " nodes are not connected with the root";
   }
   return std::nullopt;

@@ -13,7 +13,7 @@ namespace {
 constexpr double kBinRatio = 1.03;
 constexpr int kBins = 256;
 constexpr float kNearest = 0.1F;
-constexpr int kMinCells = 12;  // fewer say nothing
+constexpr int kMinWindowCells = 12;  // fewer say nothing
 
 int bin_of(float z) {
   static const auto scale = static_cast<float>(1.0 / std::log(kBinRatio));
@@ -85,7 +85,7 @@ bool DepthWindow::find_band(const std::vector<int>& cells) {
     ++histogram[static_cast<std::size_t>(bin_of(depth_.at(cell)))];
     ++count;
   }
-  if (count < kMinCells) return false;
+  if (count < kMinWindowCells) return false;
   const auto smooth = [&](int bin) {
     int sum = histogram[static_cast<std::size_t>(bin)];
     if (bin > 0) sum += histogram[static_cast<std::size_t>(bin - 1)];
@@ -131,11 +131,11 @@ bool DepthWindow::open_box(const HalfDepth& half, const DepthRefinementOptions& 
       if (measured(there)) depths.push_back(there);
     }
   }
-  if (depths.size() < static_cast<std::size_t>(kMinCells)) return false;
+  if (depths.size() < static_cast<std::size_t>(kMinWindowCells)) return false;
   // The nearest depth that a fifth of the middle lies around: things before the background, but not
   // every thin thing before them.
   std::sort(depths.begin(), depths.end());
-  const std::size_t needed = std::max<std::size_t>(depths.size() / 4, kMinCells);
+  const std::size_t needed = std::max<std::size_t>(depths.size() / 4, kMinWindowCells);
   float centre = depths[depths.size() / 2];
   for (std::size_t i = 0; i + needed <= depths.size(); ++i) {
     if (depths[i + needed - 1] <= depths[i] * 1.12F) {
@@ -192,7 +192,7 @@ void DepthWindow::remove_what_does_not_belong() {
     const int inside = flood_foreign_surface(start);
     // A surface that ends where the mask ends is something the network meant, if at another depth:
     // two people in one mask. One that goes on outside is what the mask took in by mistake.
-    if (inside >= kMinCells && inside >= 0.7 * static_cast<double>(queue_.size())) continue;
+    if (inside >= kMinWindowCells && inside >= 0.7 * static_cast<double>(queue_.size())) continue;
     for (const int cell : queue_) {
       if (state(cell) & kMask) foreign.push_back(cell);
     }

@@ -3,13 +3,11 @@
 #include <algorithm>
 #include <cmath>
 
-#include <Eigen/Cholesky>
-#include <Eigen/Eigenvalues>
+#include "matrix6.hpp"
 
 namespace dynslam::slam {
 namespace {
 
-constexpr int kCell = kSurfaceCell;
 constexpr float kJump = 0.04F;      // share of depth by which neighbours of a surface may differ
 constexpr double kMinCosine = 0.7;  // between normals of partners
 constexpr double kMinCurvature = 4e-3;  // smallest over largest eigenvalue of the information
@@ -81,10 +79,11 @@ void add_brightness(const SurfaceGrid& from, const SurfaceGrid& to, std::size_t 
                     const Eigen::Vector2d& pixel, double trust, NormalEquations& sum) {
   float value = 0.0F;
   Eigen::Vector2d slope;
-  const float x = static_cast<float>(pixel.x() + 0.5) / kCell - 0.5F;
-  const float y = static_cast<float>(pixel.y() + 0.5) / kCell - 0.5F;
+  const float x = static_cast<float>(pixel.x() + 0.5) / kSurfaceCell - 0.5F;
+  const float y = static_cast<float>(pixel.y() + 0.5) / kSurfaceCell - 0.5F;
   if (!sample(from.gray, x, y, value, slope)) return;
-  const Eigen::Vector2d g(slope.x() * camera.fx / kCell, slope.y() * camera.fy / kCell);
+  const Eigen::Vector2d g(slope.x() * camera.fx / kSurfaceCell,
+                          slope.y() * camera.fy / kSurfaceCell);
   const Eigen::Vector3d d(g.x() / p.z(), g.y() / p.z(),
                           -(g.x() * p.x() + g.y() * p.y()) / (p.z() * p.z()));
   Vector6d J;
@@ -108,8 +107,8 @@ void accumulate(const SurfaceGrid& from, const SurfaceGrid& to, const PinholeCam
       const Eigen::Vector2d pixel = camera.project(p);
       if (!camera.contains(pixel)) continue;
       ++sum.candidates;
-      const int x = std::min(static_cast<int>(pixel.x()) / kCell, from.width - 1);
-      const int y = std::min(static_cast<int>(pixel.y()) / kCell, from.height - 1);
+      const int x = std::min(static_cast<int>(pixel.x()) / kSurfaceCell, from.width - 1);
+      const int y = std::min(static_cast<int>(pixel.y()) / kSurfaceCell, from.height - 1);
       const auto j = static_cast<std::size_t>(y * from.width + x);
       if (!has_normal(from.normals[j])) continue;
       const Eigen::Vector3d n = from.normals[j].cast<double>();
@@ -136,8 +135,8 @@ bool well_determined(const Matrix6d& H, double distance) {
   Vector6d scale;
   scale << 1, 1, 1, 1 / distance, 1 / distance, 1 / distance;
   const Matrix6d scaled = scale.asDiagonal() * H * scale.asDiagonal();
-  const Eigen::SelfAdjointEigenSolver<Matrix6d> eigen(scaled, Eigen::EigenvaluesOnly);
-  return eigen.eigenvalues()[0] > kMinCurvature * eigen.eigenvalues()[5];
+  const Vector6d curvature = eigenvalues_of(scaled);
+  return curvature[0] > kMinCurvature * curvature[5];
 }
 
 double mean_distance(const SurfaceGrid& grid) {
@@ -155,9 +154,9 @@ double mean_distance(const SurfaceGrid& grid) {
 Eigen::Vector3f cell_point(const cv::Mat& depth, int x, int y, const PinholeCamera& camera) {
   float sum = 0.0F, nearest = 1e9F, farthest = 0.0F;
   int count = 0;
-  for (int v = kCell * y + 1; v <= kCell * y + 2; ++v) {
+  for (int v = kSurfaceCell * y + 1; v <= kSurfaceCell * y + 2; ++v) {
     const float* row = depth.ptr<float>(v);
-    for (int u = kCell * x + 1; u <= kCell * x + 2; ++u) {
+    for (int u = kSurfaceCell * x + 1; u <= kSurfaceCell * x + 2; ++u) {
       const float z = row[u];
       if (!(z > 0.0F)) continue;
       sum += z;
@@ -167,7 +166,7 @@ Eigen::Vector3f cell_point(const cv::Mat& depth, int x, int y, const PinholeCame
     }
   }
   if (count < 3 || farthest - nearest > kJump * nearest) return Eigen::Vector3f::Zero();
-  const Eigen::Vector2d centre(kCell * x + 1.5, kCell * y + 1.5);
+  const Eigen::Vector2d centre(kSurfaceCell * x + 1.5, kSurfaceCell * y + 1.5);
   return camera.unproject(centre, sum / static_cast<float>(count)).cast<float>();
 }
 
@@ -182,8 +181,8 @@ void add_guess(const Matrix6d& information, const RigidTransform& T, const Rigid
 
 void build_surface_grid(const cv::Mat& depth, const cv::Mat& gray_cells,
                         const PinholeCamera& camera, SurfaceGrid& grid) {
-  grid.width = depth.cols / kCell;
-  grid.height = depth.rows / kCell;
+  grid.width = depth.cols / kSurfaceCell;
+  grid.height = depth.rows / kSurfaceCell;
   const auto cells = static_cast<std::size_t>(grid.width) * static_cast<std::size_t>(grid.height);
   grid.points.resize(cells);
   grid.normals.resize(cells);
@@ -225,7 +224,7 @@ std::optional<SurfaceAlignment> align_surfaces(const SurfaceGrid& from, const Su
       } else if (!well_determined(last.H, distance)) {
         return std::nullopt;
       }
-      const Vector6d step = -last.H.ldlt().solve(last.b);
+      const Vector6d step = -solve_symmetric(last.H, last.b);
       if (!step.allFinite()) return std::nullopt;
       result.T_from_to = (se3_exp(step) * result.T_from_to).normalized();
       if (step.norm() < kConverged) break;

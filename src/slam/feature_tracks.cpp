@@ -10,10 +10,10 @@
 namespace dynslam::slam {
 namespace {
 
-constexpr std::size_t kReferences = 5;  // P-Static
+constexpr std::size_t kComparedFrames = 5;  // P-Static
 // Seconds between the frames compared: the young catch the fast, the old the slow.
-constexpr std::array<double, kReferences> kGaps = {0.12, 0.25, 0.45, 0.7, 1.0};
-constexpr std::size_t kMostRemembered = 40;  // frames
+constexpr std::array<double, kComparedFrames> kGaps = {0.12, 0.25, 0.45, 0.7, 1.0};
+constexpr std::size_t kMostPastFrames = 40;  // frames
 constexpr double kHalfLife = 1.0;            // seconds until half of the evidence is forgotten
 constexpr float kSurelyDynamic = 4.0F;       // most log-odds remembered against a feature
 constexpr float kSurelyStatic = 2.0F;  // and for it: less, so that what starts to move is found
@@ -23,7 +23,7 @@ constexpr int kSpreadRadius = 2;  // pixels around a feature whose depths are co
 }  // namespace
 
 FeatureTracks::FeatureTracks(const DepthCamera& camera, const std::vector<float>& scale_factors)
-    : camera_(camera), scale_factors_(scale_factors), matches_(kReferences) {}
+    : camera_(camera), scale_factors_(scale_factors), matches_(kComparedFrames) {}
 
 void FeatureTracks::measure(const TrackedFrame& frame, Past& now) const {
   const FrameFeatures& features = *frame.features;
@@ -62,7 +62,7 @@ void FeatureTracks::judge(const TrackedFrame& frame) {
   chain_ = now_.previous;
   std::size_t gap = 0;
   for (const Past& past : past_) {
-    if (gap == kReferences) break;
+    if (gap == kComparedFrames) break;
     if (frame.timestamp - past.timestamp >= kGaps[gap] - 1e-6) {
       std::vector<Match>& matches = matches_[gap++];
       matches.clear();
@@ -110,7 +110,7 @@ void FeatureTracks::remember(const TrackedFrame& frame) {
   now_.T_cam_world = frame.T_cam_world;
   past_.push_front(std::move(now_));
   now_ = {};
-  if (past_.size() > kMostRemembered) past_.pop_back();
+  if (past_.size() > kMostPastFrames) past_.pop_back();
 }
 
 void FeatureTracks::move_world(const RigidTransform& T_before_after) {

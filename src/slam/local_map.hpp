@@ -15,6 +15,8 @@
 
 namespace dynslam::slam {
 
+constexpr int kPlaceKeyframes = 10;  ///< keyframes whose points make a place
+
 struct LocalMap {
   std::vector<PointId> ids;
   std::vector<Eigen::Vector3d> positions;

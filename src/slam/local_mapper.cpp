@@ -16,7 +16,6 @@ constexpr std::size_t kTrialKeyframes = 3;     // a young point is on trial for 
 constexpr std::size_t kTrialObservations = 2;  // and must have been seen by as many of them
 constexpr std::size_t kFuseNeighbours = 10;
 constexpr std::size_t kTriangulateNeighbours = 10;
-constexpr int kMinShared = 15;               // points that make two keyframes neighbours
 constexpr float kNewWeight = 0.5F;           // belief in a new point where movers are looked for
 constexpr std::size_t kCullNeighbours = 20;  // keyframes looked at for being redundant
 constexpr std::size_t kFewestPoints = 15;    // that a keyframe must show to be of use

@@ -11,11 +11,10 @@
 namespace dynslam::slam {
 namespace {
 
-constexpr int kPlaceKeyframes = 10;    // keyframes whose points make a place
 constexpr double kFirstRadius = 8.0;   // pixels at the finest level, under the motion of a RANSAC
 constexpr double kSecondRadius = 4.0;  // under the refined one
-constexpr int kMaxDistance = 64;       // bits
-constexpr std::size_t kMinMatches = 12;
+constexpr int kMaxPlaceDistance = 64;  // bits
+constexpr std::size_t kMinPlaceMatches = 12;
 constexpr int kColumns = 8, kRows = 6;  // cells of the image
 constexpr double kCellShare = 0.2;      // of a cell's points that confirm the cell
 
@@ -89,7 +88,7 @@ loop::Verification LoopCheck::verify(KeyframeId query, KeyframeId candidate, Loo
   found.query = query;
   found.match = candidate;
   refined_ = result.T_candidate_query.inverse() * candidate_.T_cam_world;
-  const bool begun = confirm(refined_, kFirstRadius, found) >= static_cast<int>(kMinMatches);
+  const bool begun = confirm(refined_, kFirstRadius, found) >= static_cast<int>(kMinPlaceMatches);
   const int inliers = begun ? confirm(refined_, kSecondRadius, found) : 0;
   found.T_query_match = refined_ * candidate_.T_cam_world.inverse();
   result.inliers = static_cast<std::size_t>(inliers);
@@ -148,7 +147,7 @@ int LoopCheck::confirm(const RigidTransform& T_query_world, double radius, LoopM
   features.octaves = field(query_.features->keypoints, &cv::KeyPoint::octave);
   features.descriptors = query_.features->descriptors_view();
   features::WindowOptions options;
-  options.max_distance = kMaxDistance;
+  options.max_distance = kMaxPlaceDistance;
   std::vector<Match> matches;
   features::match_windowed({pixels, radii, min_octaves, max_octaves, place_.descriptors_view()},
                            features, options, matches);

@@ -14,10 +14,8 @@
 namespace dynslam::slam {
 namespace {
 
-constexpr int kMinShared = 15;              // points that make two keyframes neighbours
 constexpr std::size_t kNeighbours = 20;     // of a keyframe, for consistency
 constexpr std::size_t kFuseKeyframes = 10;  // around the query that take the old points over
-constexpr int kPlaceKeyframes = 10;
 constexpr std::size_t kTrainingGrowth = 2;  // a vocabulary serves maps up to so many times larger
 
 loop::NeighboursOf neighbours_in(SharedMap& shared) {

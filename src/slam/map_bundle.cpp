@@ -10,7 +10,6 @@
 namespace dynslam::slam {
 namespace {
 
-constexpr int kMinShared = 15;        // points that make two keyframes neighbours
 constexpr std::size_t kMaxHeld = 30;  // keyframes held in place
 
 }  // namespace

@@ -15,6 +15,8 @@
 
 namespace dynslam::slam {
 
+constexpr int kMinShared = 15;  ///< points that make two keyframes neighbours
+
 class MapBundle {
  public:
   /// Copies `keyframe` and up to `count` - 1 of its covisible keyframes to be moved, all their

@@ -13,11 +13,11 @@
 namespace dynslam::slam {
 namespace {
 
-constexpr std::size_t kMinFeatures = 100;  // of a frame to start from
-constexpr std::size_t kMinMatches = 100;   // with the frame held; fewer: hold the present one
+constexpr std::size_t kMinFeatures = 100;      // of a frame to start from
+constexpr std::size_t kMinStartMatches = 100;  // with the frame held; fewer: hold the present one
 constexpr float kWindowShare = 0.1F;  // of the image's width: how far a feature may move in a frame
-constexpr int kMaxDistance = 64;      // bits
-constexpr float kRatio = 0.9F;
+constexpr int kMaxStartDistance = 64;  // bits
+constexpr float kStartRatio = 0.9F;
 
 }  // namespace
 
@@ -39,7 +39,7 @@ bool MonoInitializer::offer(const TrackedFrame& frame, std::size_t index) {
     return false;
   }
   match(frame);
-  if (start_.matches.size() < kMinMatches) {
+  if (start_.matches.size() < kMinStartMatches) {
     hold(frame, index);
     return false;
   }
@@ -67,8 +67,8 @@ void MonoInitializer::match(const TrackedFrame& frame) {
   features.octaves = field(now.keypoints, &cv::KeyPoint::octave);
   features.descriptors = now.descriptors_view();
   features::WindowOptions options;
-  options.max_distance = kMaxDistance;
-  options.ratio = kRatio;
+  options.max_distance = kMaxStartDistance;
+  options.ratio = kStartRatio;
   options.ratio_within_octave = true;
   features::match_windowed(windows, features, options, start_.matches);
   keep_.resize(start_.matches.size());

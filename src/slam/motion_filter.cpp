@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include <Eigen/LU>
+#include "matrix6.hpp"
 
 namespace dynslam::slam {
 namespace {
@@ -46,7 +46,7 @@ void MotionFilter::predict(const RigidTransform& T_last_world, double dt) {
 void MotionFilter::observe_step(const RigidTransform& T_cam_world, const Matrix6d& information) {
   const Vector6d off = se3_log(T_cam_world * mean_.inverse());
   // (D + R)^-1 for a measurement whose covariance R may be infinite in some directions.
-  const Matrix6d weight = (Matrix6d::Identity() + information * step_).inverse() * information;
+  const Matrix6d weight = inverse_of(Matrix6d::Identity() + information * step_) * information;
   const Matrix6d pose_gain = pose_step_ * weight, velocity_gain = velocity_step_ * weight;
   mean_ = (se3_exp(pose_gain * off) * mean_).normalized();
   velocity_ += velocity_gain * off;
@@ -56,7 +56,7 @@ void MotionFilter::observe_step(const RigidTransform& T_cam_world, const Matrix6
       symmetric(velocity_covariance_ - velocity_gain * velocity_step_.transpose());
 }
 
-factors::PosePrior MotionFilter::prior() const { return {mean_, symmetric(pose_.inverse())}; }
+factors::PosePrior MotionFilter::prior() const { return {mean_, symmetric(inverse_of(pose_))}; }
 
 void MotionFilter::update(const RigidTransform& T_cam_world, const Matrix6d& covariance) {
   moving_ = true;
@@ -67,7 +67,7 @@ void MotionFilter::update(const RigidTransform& T_cam_world, const Matrix6d& cov
   predicted_ = false;
   const Vector6d off = se3_log(T_cam_world * mean_.inverse());
   learn_briskness(off, covariance);
-  const Matrix6d gain = cross_.transpose() * pose_.inverse();
+  const Matrix6d gain = cross_.transpose() * inverse_of(pose_);
   velocity_ += gain * off;
   velocity_covariance_ =
       symmetric(velocity_covariance_ - gain * (pose_ - covariance) * gain.transpose());
@@ -85,9 +85,9 @@ void MotionFilter::begin(const Matrix6d& covariance) {
 
 // The normalized innovation of the measurement alone is 1 on average if the noise is right.
 void MotionFilter::learn_briskness(const Vector6d& off, const Matrix6d& covariance) {
-  const Matrix6d expected = pose_.inverse(), both = covariance.inverse();
+  const Matrix6d expected = inverse_of(pose_), both = inverse_of(covariance);
   const Matrix6d measured = both - expected;
-  const double surprise = off.dot(both * measured.inverse() * expected * off) / 6.0;
+  const double surprise = off.dot(both * inverse_of(measured) * expected * off) / 6.0;
   if (!(surprise > 0.0) || !std::isfinite(surprise)) return;
   const double step = std::clamp(surprise, kSmallSurprise, kStrongSurprise);
   briskness_ = std::clamp(briskness_ * std::pow(step, kLearningRate), 1.0, kMostBriskness);

@@ -12,9 +12,9 @@ namespace dynslam::slam {
 namespace {
 
 constexpr double kMinBaselineShare = 0.01;  // of the median depth: less gives no depth
-constexpr int kMaxDistance = 50;            // bits
-constexpr float kRatio = 0.8F;              // of the next best along the line
-constexpr float kChi2Line = 3.841F;         // 95 % of chi^2, 1 degree of freedom
+constexpr int kMaxLineDistance = 50;        // bits
+constexpr float kLineRatio = 0.8F;          // of the next best along the line
+constexpr float kChi2OffLine = 3.841F;      // 95 % of chi^2, 1 degree of freedom
 constexpr double kMinParallaxDeg = 1.5;     // surer than the least that is worth anything
 constexpr int kMaxOctaveGap = 1;
 constexpr double kEpipoleRadius = 10.0;  // pixels: where a line has no direction
@@ -70,7 +70,7 @@ void PointTriangulator::match_lines() {
   const bool has_epipole = PinholeCamera::in_domain(T_there_here.t);
   const Eigen::Vector2d epipole =
       has_epipole ? camera_.project(T_there_here.t) : Eigen::Vector2d::Zero();
-  std::vector<int> best_of(there_.features.size(), kMaxDistance + 1);
+  std::vector<int> best_of(there_.features.size(), kMaxLineDistance + 1);
   std::vector<std::int32_t> owner(there_.features.size(), -1);
   for (std::size_t i = 0; i < here_.features.size(); ++i) {
     Eigen::Vector3d line = F * Eigen::Vector3d(here_.u[i], here_.v[i], 1.0);
@@ -80,11 +80,11 @@ void PointTriangulator::match_lines() {
     const auto a = static_cast<float>(line[0]), b = static_cast<float>(line[1]),
                c = static_cast<float>(line[2]);
     const std::uint8_t* descriptor = here_.shared_features->descriptor(here_.features[i]);
-    int best = kMaxDistance + 1, second = 257;
+    int best = kMaxLineDistance + 1, second = 257;
     std::size_t found = 0;
     for (std::size_t j = 0; j < there_.features.size(); ++j) {
       const float off = a * there_.u[j] + b * there_.v[j] + c;
-      if (off * off > kChi2Line * there_.scales[j] * there_.scales[j]) continue;
+      if (off * off > kChi2OffLine * there_.scales[j] * there_.scales[j]) continue;
       if (std::abs(there_.octaves[j] - here_.octaves[i]) > kMaxOctaveGap) continue;
       if (has_epipole && (Eigen::Vector2d(there_.u[j], there_.v[j]) - epipole).norm() <
                              kEpipoleRadius * there_.scales[j]) {
@@ -100,7 +100,8 @@ void PointTriangulator::match_lines() {
         second = std::min(second, distance);
       }
     }
-    if (best > kMaxDistance || static_cast<float>(best) > kRatio * static_cast<float>(second)) {
+    if (best > kMaxLineDistance ||
+        static_cast<float>(best) > kLineRatio * static_cast<float>(second)) {
       continue;
     }
     if (best >= best_of[found]) continue;

@@ -2,10 +2,9 @@
 // motion so far.
 #include <algorithm>
 
-#include <Eigen/LU>
-
 #include "dynslam/features/matcher.hpp"
 
+#include "matrix6.hpp"
 #include "stopwatch.hpp"
 #include "tracker.hpp"
 #include "wide_alignment.hpp"
@@ -92,8 +91,8 @@ bool Tracker::align_wide_step(TrackedFrame& last, TrackedFrame& frame) {
   systematic << Eigen::Vector3d::Constant(kDepthBias * kDepthBias),
       Eigen::Vector3d::Constant(kTurnBias * kTurnBias);
   const Matrix6d covariance =
-      (kAlignmentTrust * alignment.information).inverse() + Matrix6d(systematic.asDiagonal());
-  alignment.information = covariance.inverse() / kAlignmentTrust;
+      inverse_of(kAlignmentTrust * alignment.information) + Matrix6d(systematic.asDiagonal());
+  alignment.information = inverse_of(covariance) / kAlignmentTrust;
   set_prior(last, alignment);
   return true;
 }

@@ -10,7 +10,7 @@
 namespace dynslam::slam {
 namespace {
 
-constexpr double kDegrees = 180.0 / 3.14159265358979323846;
+constexpr double kDegreesPerRadian = 180.0 / 3.14159265358979323846;
 constexpr int kRefinements = 3;  // Gauss-Newton steps; the third changes the tenth digit
 
 // Least squares of x_k z - X = 0 in both cameras, in the frame of the first.
@@ -81,7 +81,7 @@ TriangulatedPoint triangulate(const PinholeCamera& camera, const PointSighting& 
   const Eigen::Vector3d ray_second = camera.bearing(second.pixel);
   const Eigen::Vector3d turned = T_second_first.R * ray_first;
   point.parallax_deg =
-      std::atan2(turned.cross(ray_second).norm(), turned.dot(ray_second)) * kDegrees;
+      std::atan2(turned.cross(ray_second).norm(), turned.dot(ray_second)) * kDegreesPerRadian;
   point.status = TriangulationStatus::kTooLittleParallax;
   if (!(point.parallax_deg >= options.min_parallax_deg)) return point;
 

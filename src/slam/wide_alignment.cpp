@@ -4,14 +4,13 @@
 #include <cmath>
 #include <utility>
 
-#include <Eigen/Eigenvalues>
-
 #include "dynslam/core/so3.hpp"
+
+#include "matrix6.hpp"
 
 namespace dynslam::slam {
 namespace {
 
-constexpr int kCell = kSurfaceCell;
 constexpr int kStartStep = 6;           // cells, when starts are aligned
 constexpr int kFineStep = 2;            // cells, when the best are aligned and compared
 constexpr int kSlideStep = 4;           // cells, when outlines are compared
@@ -90,7 +89,7 @@ void look(const SurfaceGrid& a, const SurfaceGrid& b, const PinholeCamera& camer
       if (p.z() <= static_cast<float>(kMinDepth)) continue;
       const float u = fx * p.x() / p.z() + cx + 0.5F, v = fy * p.y() / p.z() + cy + 0.5F;
       if (!(u >= 0.0F && v >= 0.0F)) continue;
-      const int x = static_cast<int>(u) / kCell, y = static_cast<int>(v) / kCell;
+      const int x = static_cast<int>(u) / kSurfaceCell, y = static_cast<int>(v) / kSurfaceCell;
       if (x >= b.width || y >= b.height) continue;
       const auto j = static_cast<std::size_t>(y * b.width + x);
       if (b.points[j].z() != 0.0F) sightings.add(a, i, b, j, p);
@@ -173,31 +172,31 @@ class SceneMotions {
     about_scene_ = Matrix6d::Identity();
     about_scene_.topRightCorner<3, 3>() = skew(centre) / radius;
     about_scene_.bottomRightCorner<3, 3>() /= radius;
-    eigen_.compute(about_scene_.transpose() * information * about_scene_);
+    eigen_ = eigen_of(about_scene_.transpose() * information * about_scene_);
   }
 
   /// Twists of the camera that move what is seen by about a metre; zero where surfaces are sure.
   Directions weak() const {
     Directions weak = Directions::Zero();
     for (int k = 0; k < kWeakest && is_weak(k); ++k) {
-      weak.col(k) = about_scene_ * eigen_.eigenvectors().col(k);
+      weak.col(k) = about_scene_ * eigen_.vectors.col(k);
     }
     return weak;
   }
 
   /// The information, with that along weak directions set to `weak_information`.
   Matrix6d information(double weak_information) const {
-    Vector6d values = eigen_.eigenvalues();
+    Vector6d values = eigen_.values;
     for (int k = 0; k < kWeakest && is_weak(k); ++k) values[k] = weak_information;
-    const Matrix6d back = eigen_.eigenvectors().transpose() * about_scene_.inverse();
+    const Matrix6d back = eigen_.vectors.transpose() * inverse_of(about_scene_);
     return back.transpose() * values.asDiagonal() * back;
   }
 
  private:
-  bool is_weak(int k) const { return eigen_.eigenvalues()[k] < kWeak * eigen_.eigenvalues()[5]; }
+  bool is_weak(int k) const { return eigen_.values[k] < kWeak * eigen_.values[5]; }
 
   Matrix6d about_scene_;
-  Eigen::SelfAdjointEigenSolver<Matrix6d> eigen_;
+  Eigen6 eigen_;
 };
 
 class Search {
