@@ -11,7 +11,7 @@
 #include "dynslam/core/errors.hpp"
 #include "dynslam/core/opencv.hpp"
 
-#include "depth_alignment.hpp"
+#include "frame_images.hpp"
 
 namespace dynslam::slam {
 namespace {
@@ -84,27 +84,24 @@ FrameFeaturesPtr FrameBuilder::build(const FrameInput& frame) {
   features->right_columns.assign(features->size(), std::numeric_limits<float>::quiet_NaN());
   if (sensor_ == Sensor::kRgbd && !frame.depth.empty()) add_depth(frame.depth, *features);
   if (sensor_ == Sensor::kStereo) add_stereo(frame.right, *features);
-  cv::resize(gray_, gray_cells_, gray_.size() / kSurfaceCell, 0, 0, cv::INTER_AREA);
+  mean_of_cells(gray_, gray_cells_);
   return features;
 }
 
-void FrameBuilder::copy_depth(const FrameInput& frame, cv::Mat& depth) const {
-  if (sensor_ != Sensor::kRgbd || frame.depth.empty()) {
-    depth.release();
+void FrameBuilder::copy_depth(const FrameInput& frame, TrackedFrame& copy) const {
+  const bool deep = sensor_ == Sensor::kRgbd && !frame.depth.empty();
+  if (!deep || frame.mask.empty()) {
+    copy.mask.release();
+    copy.hidden_depth.release();
+    if (deep) {
+      frame.depth.copyTo(copy.depth);
+    } else {
+      copy.depth.release();
+    }
     return;
   }
-  frame.depth.copyTo(depth);
-  if (!frame.mask.empty()) depth.setTo(0.0F, frame.mask);
-}
-
-void FrameBuilder::copy_masked(const FrameInput& frame, cv::Mat& mask, cv::Mat& depth) const {
-  if (sensor_ != Sensor::kRgbd || frame.depth.empty() || frame.mask.empty()) {
-    mask.release();
-    depth.release();
-    return;
-  }
-  frame.mask.copyTo(mask);
-  frame.depth.copyTo(depth);
+  frame.mask.copyTo(copy.mask);
+  split_depth(frame.depth, frame.mask, copy.depth, copy.hidden_depth);
 }
 
 void FrameBuilder::add_depth(const cv::Mat& depth, FrameFeatures& features) const {

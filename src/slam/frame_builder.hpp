@@ -4,13 +4,15 @@
 #include <optional>
 #include <vector>
 
-#include <opencv2/core/mat.hpp>
+#include <opencv2/core.hpp>
 
 #include "dynslam/core/camera.hpp"
 #include "dynslam/features/orb.hpp"
 #include "dynslam/slam/frame.hpp"
 #include "dynslam/slam/options.hpp"
 #include "dynslam/slam/stereo_matcher.hpp"
+
+#include "tracked_frame.hpp"
 
 namespace dynslam::slam {
 
@@ -24,13 +26,11 @@ class FrameBuilder {
 
   FrameFeaturesPtr build(const FrameInput& frame);
 
-  /// Copies the depth image without what is masked; releases `depth` without one.
-  void copy_depth(const FrameInput& frame, cv::Mat& depth) const;
-  /// Copies mask and whole depth image of a frame that has both; else releases them.
-  void copy_masked(const FrameInput& frame, cv::Mat& mask, cv::Mat& depth) const;
+  /// Sets depth, mask and hidden depth of `copy`, or releases what the frame does not have.
+  void copy_depth(const FrameInput& frame, TrackedFrame& copy) const;
 
-  /// The last image built from, grey; for gray input the caller's pixels.
-  const cv::Mat& gray() const { return gray_; }
+  /// Gives away the last image built from, grey, for memory to write the next one to.
+  void swap_gray(cv::Mat& gray) { cv::swap(gray_, gray); }
   /// The same at a quarter of its size.
   const cv::Mat& gray_cells() const { return gray_cells_; }
 

@@ -1,8 +1,10 @@
 #include "local_map.hpp"
 
 #include <algorithm>
-#include <map>
+#include <cstddef>
+#include <cstdint>
 #include <unordered_set>
+#include <utility>
 
 namespace dynslam::slam {
 namespace {
@@ -13,16 +15,33 @@ struct Vote {
   KeyframeId id;
 };
 
+// A value for each object of a SlotMap that is alive; their slots differ.
+template <typename Value>
+class BySlot {
+ public:
+  Value& operator[](std::uint64_t id) {
+    const auto slot = static_cast<std::size_t>(static_cast<std::uint32_t>(id));
+    if (slot >= values_.size()) values_.resize(2 * slot + 1);
+    return values_[slot];
+  }
+
+ private:
+  std::vector<Value> values_;
+};
+
 // Keyframes that see the frame's points, most first (ties: newer first).
 std::vector<Vote> vote(const Map& map, const std::vector<PointId>& points) {
-  std::map<KeyframeId, int> counts;
+  BySlot<int> counts;
+  std::vector<Vote> votes;
   for (const PointId id : points) {
     const MapPoint* point = map.find_point(id);
     if (point == nullptr) continue;
-    for (const Observation& observation : point->observations) ++counts[observation.keyframe];
+    for (const Observation& observation : point->observations) {
+      const KeyframeId keyframe = observation.keyframe;
+      if (++counts[keyframe] == 1) votes.push_back({0, map.keyframe(keyframe).number, keyframe});
+    }
   }
-  std::vector<Vote> votes;
-  for (const auto& [id, shared] : counts) votes.push_back({shared, map.keyframe(id).number, id});
+  for (Vote& entry : votes) entry.shared = counts[entry.id];
   std::sort(votes.begin(), votes.end(), [](const Vote& a, const Vote& b) {
     return a.shared != b.shared ? a.shared > b.shared : a.number > b.number;
   });
@@ -58,10 +77,10 @@ void LocalMap::collect(const Map& map, const std::vector<PointId>& points, Keyfr
   max_distances.clear();
   weights.clear();
   descriptors.clear();
-  std::unordered_set<PointId> seen;
+  BySlot<char> seen;
   for (const KeyframeId keyframe : keyframes) {
     for (const PointId id : map.keyframe(keyframe).points) {
-      if (id == kNoId || !seen.insert(id).second) continue;
+      if (id == kNoId || std::exchange(seen[id], char{1}) != 0) continue;
       const MapPoint& point = map.point(id);
       ids.push_back(id);
       positions.push_back(point.position);

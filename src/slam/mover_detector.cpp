@@ -88,7 +88,11 @@ const cv::Mat& MoverDetector::complete(const TrackedFrame& frame,
   options.fill_share = kMostOfIt;
   options.jump = kOneSurface;
   const bool masked = !frame.mask.empty();
-  const auto depth = as_view<const float>(masked ? frame.whole_depth : frame.depth);
+  if (masked) {
+    frame.depth.copyTo(whole_depth_);
+    frame.hidden_depth.copyTo(whole_depth_, frame.mask);
+  }
+  const auto depth = as_view<const float>(masked ? whole_depth_ : frame.depth);
   if (masked) {
     whole_ = evidence_;
     geometry::add_mask(depth, as_view<const std::uint8_t>(frame.mask), kMaskLogOdds, whole_);

@@ -82,7 +82,7 @@ class MoverDetector {
   geometry::DepthEvidence evidence_, coarse_, whole_;
   geometry::CellMemory memory_;
   geometry::RegionGrowWorkspace workspace_;
-  cv::Mat mask_, completed_;
+  cv::Mat mask_, completed_, whole_depth_;
   double masked_share_ = 0.0;
 };
 

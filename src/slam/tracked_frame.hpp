@@ -24,7 +24,7 @@ struct TrackedFrame {
   RigidTransform T_cam_world;
   cv::Mat depth;                       ///< copy of the depth image; 0 under the mask
   cv::Mat mask;                        ///< copy of the given mask, CV_8UC1; empty without
-  cv::Mat whole_depth;                 ///< the depth image with what is under the mask; likewise
+  cv::Mat hidden_depth;                ///< the depth under the mask (`split_depth`); likewise
   cv::Mat gray;                        ///< CV_8UC1
   cv::Mat gray_cells;                  ///< the image at a quarter of its size, CV_8UC1
   cv::Mat cell_trust;                  ///< MoverDetector::trust; may be empty

@@ -443,11 +443,8 @@ FrameResult TrackingSession::track(const FrameInput& frame) {
     {
       const ScopedTimer timer(result.ms.extract);
       current_.reset(builder_.build(frame), frame.timestamp);
-      builder_.copy_depth(frame, current_.depth);
-      if (options_.geometry) {
-        builder_.gray().copyTo(current_.gray);
-        builder_.copy_masked(frame, current_.mask, current_.whole_depth);
-      }
+      builder_.copy_depth(frame, current_);
+      builder_.swap_gray(current_.gray);
       current_.gray_cells = builder_.gray_cells().clone();
     }
     result.index = shared_.log.size();
