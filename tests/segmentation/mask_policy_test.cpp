@@ -191,6 +191,25 @@ TEST(DilateMask, ReachesExactlyThePixelsWithinTheRadius) {
   }
 }
 
+TEST(DilateMask, GrowsLargeMasksAsMuchAsASmallPiece) {
+  constexpr int kRadius = 10;
+  cv::Mat whole = cv::Mat::zeros(120, 203, CV_8UC1);
+  cv::ellipse(whole, {90, 60}, {70, 40}, 0, 0, 360, 1, cv::FILLED);  // any value but 0 counts
+  cv::Mat pieces = cv::Mat::zeros(whole.size(), CV_8UC1);
+  for (int y = 0; y < whole.rows; y += 11) {
+    for (int x = 0; x < whole.cols; x += 7) {
+      const cv::Rect tile = cv::Rect(x, y, 7, 11) & cv::Rect({}, whole.size());
+      cv::Mat piece = cv::Mat::zeros(whole.size(), CV_8UC1);
+      whole(tile).copyTo(piece(tile));
+      dilate_mask(piece, kRadius);
+      pieces |= piece;
+    }
+  }
+  dilate_mask(whole, kRadius);
+  EXPECT_EQ(cv::countNonZero(whole != pieces), 0);
+  EXPECT_EQ(cv::countNonZero((whole != 0) & (whole != 255)), 0);
+}
+
 TEST(DilateMask, RefusesOtherTypesAndRadii) {
   cv::Mat colour(4, 4, CV_8UC3), grey(4, 4, CV_8UC1), empty;
   EXPECT_THROW(dilate_mask(colour, 1), InvalidArgument);
