@@ -154,7 +154,9 @@ Corner* collect_peaks(const std::uint8_t* above, const std::uint8_t* scores,
     if (rest < 64) peaks &= (std::uint64_t{1} << rest) - 1;
     for (; peaks != 0; peaks &= peaks - 1) {
       const int at = x + static_cast<int>(hwy::Num0BitsBelowLS1Bit_Nonzero64(peaks));
-      *corners++ = {static_cast<std::uint16_t>(at), static_cast<std::uint16_t>(y), scores[at]};
+      *corners++ = {static_cast<std::uint16_t>(at), static_cast<std::uint16_t>(y), scores[at],
+                    peak_offset(scores[at - 1], scores[at], scores[at + 1]),
+                    peak_offset(above[at], scores[at], below[at])};
     }
   }
   return corners;

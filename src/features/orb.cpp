@@ -200,7 +200,13 @@ struct OrbExtractor::Impl {
     const detail::PixelBlock image = level.image.view();
     int count = detail::fast_corners(image, kOrbBorder, options.min_fast_threshold, scores.data(),
                                      corners.data());
-    if (!mask.empty()) count = chooser.drop_masked(mask, scale, image, corners.data(), count);
+    if (!options.subpixel) {
+      for (int i = 0; i < count; ++i) {
+        Corner& corner = corners[static_cast<std::size_t>(i)];
+        corner.dx = corner.dy = 0;
+      }
+    }
+    if (!mask.empty()) count = chooser.drop_masked(mask, scale, corners.data(), count);
     if (options.min_fast_threshold < options.fast_threshold) {
       count = chooser.drop_weak(options.cell_size, options.fast_threshold, image, corners.data(),
                                 count);
@@ -239,8 +245,8 @@ struct OrbExtractor::Impl {
       const Corner& corner = level.chosen[i];
       // OpenCV's approximation of the arc tangent is part of what its descriptors are.
       const float angle = cv::fastAtan2(static_cast<float>(m01[i]), static_cast<float>(m10[i]));
-      keypoints[i] = cv::KeyPoint(detail::level0_coordinate(corner.x, scale),
-                                  detail::level0_coordinate(corner.y, scale),
+      keypoints[i] = cv::KeyPoint(detail::level0_coordinate(corner.x, corner.dx, scale),
+                                  detail::level0_coordinate(corner.y, corner.dy, scale),
                                   static_cast<float>(kOrbPatchSize) * scale, angle,
                                   static_cast<float>(corner.score), static_cast<int>(index), -1);
       rotations[i] = rotation_of(angle);
@@ -272,9 +278,9 @@ struct OrbExtractor::Impl {
   void describe_one(const cv::KeyPoint& keypoint, std::uint8_t* descriptor) const {
     const std::size_t octave = static_cast<std::size_t>(keypoint.octave);
     const detail::PixelBlock level = levels[octave].blurred.view();
-    const float shrink = 1.0F / scales[octave];
-    const int x = std::clamp(cvRound(keypoint.pt.x * shrink), 0, level.width - 1);
-    const int y = std::clamp(cvRound(keypoint.pt.y * shrink), 0, level.height - 1);
+    const float scale = scales[octave];
+    const int x = std::clamp(detail::level_pixel(keypoint.pt.x, scale), 0, level.width - 1);
+    const int y = std::clamp(detail::level_pixel(keypoint.pt.y, scale), 0, level.height - 1);
     const detail::Rotation rotation = rotation_of(keypoint.angle);
     if (is_inside(level, x, y)) {
       const Corner corner = {static_cast<std::uint16_t>(x), static_cast<std::uint16_t>(y), 0};

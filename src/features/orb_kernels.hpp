@@ -36,11 +36,22 @@ struct ResizeAxis {
   const std::uint16_t* weight;
 };
 
-/// A corner of a level: pixel and FAST score.
+/// A corner of a level: pixel, FAST score, and how far from the pixel's centre the scores peak.
 struct Corner {
   std::uint16_t x, y;
   std::uint8_t score;
+  std::int8_t dx = 0, dy = 0;  ///< in kSubpixel, (-1/2, 1/2) pixel
 };
+
+/// Pixels that a step of Corner::dx and dy is worth.
+inline constexpr float kSubpixel = 1.0F / 256.0F;
+
+/// Where the parabola through the scores of a peak and of its two neighbours peaks, in kSubpixel;
+/// one of the neighbours at least is below the peak.
+inline std::int8_t peak_offset(int before, int peak, int after) {
+  const int offset = 128 * (after - before) / (2 * peak - before - after);
+  return static_cast<std::int8_t>(offset < 127 ? offset : 127);
+}
 
 struct Rotation {
   float cos, sin;

@@ -100,7 +100,8 @@ inline int fast_corners(const PixelBlock& level, int border, int threshold, std:
     for (int x = border; x < level.width - border; ++x) {
       if (middle[x] != 0 && is_peak(above + x, middle + x, scores + x)) {
         corners[count++] = {static_cast<std::uint16_t>(x), static_cast<std::uint16_t>(y - 1),
-                            middle[x]};
+                            middle[x], peak_offset(middle[x - 1], middle[x], middle[x + 1]),
+                            peak_offset(above[x], middle[x], scores[x])};
       }
     }
   }

@@ -36,19 +36,12 @@ bool MaskProbe::is_set(int x, int y) const {
   return bottom[right] - bottom[left] - top[right] + top[left] != 0;
 }
 
-int CornerChooser::drop_masked(const MaskProbe& mask, float scale, const PixelBlock& level,
-                               Corner* corners, int count) {
-  const auto fill = [scale](std::vector<std::int32_t>& level0, int size) {
-    level0.resize(static_cast<std::size_t>(size));
-    for (int i = 0; i < size; ++i) {
-      level0[static_cast<std::size_t>(i)] =
-          static_cast<std::int32_t>(std::lround(level0_coordinate(i, scale)));
-    }
-  };
-  fill(columns_, level.width);
-  fill(rows_, level.height);
+int CornerChooser::drop_masked(const MaskProbe& mask, float scale, Corner* corners, int count) {
+  // Positive: half up is as good as lround, and no call.
+  const auto nearest = [](float at) { return static_cast<int>(at + 0.5F); };
   const auto covered = [&](const Corner& corner) {
-    return mask.is_set(columns_[corner.x], rows_[corner.y]);
+    return mask.is_set(nearest(level0_coordinate(corner.x, corner.dx, scale)),
+                       nearest(level0_coordinate(corner.y, corner.dy, scale)));
   };
   return static_cast<int>(std::remove_if(corners, corners + count, covered) - corners);
 }

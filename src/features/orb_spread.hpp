@@ -2,6 +2,7 @@
 // neighbourhood, and spread over the image.
 #pragma once
 
+#include <cmath>
 #include <cstdint>
 #include <vector>
 
@@ -26,18 +27,22 @@ class MaskProbe {
   std::vector<std::int32_t> sums_;  // set pixels above and left of each pixel; with a margin only
 };
 
-/// Level-0 coordinate of the centre of pixel `i` of a level: the pyramid keeps the centres of
-/// scaled pixels, (i + 1/2) scale = level-0 coordinate + 1/2.
-inline float level0_coordinate(int i, float scale) {
-  return (static_cast<float>(i) + 0.5F) * scale - 0.5F;
+/// Level-0 coordinate of what lies `offset` kSubpixel behind the centre of pixel `i` of a level:
+/// the pyramid keeps the centres of scaled pixels, (i + 1/2) scale = level-0 coordinate + 1/2.
+inline float level0_coordinate(int i, int offset, float scale) {
+  return (static_cast<float>(i) + kSubpixel * static_cast<float>(offset) + 0.5F) * scale - 0.5F;
+}
+
+/// Pixel of a level that a level-0 coordinate falls into.
+inline int level_pixel(float level0, float scale) {
+  return static_cast<int>(std::lround((level0 + 0.5F) / scale - 0.5F));
 }
 
 /// Chooses among corners; keeps its scratch between calls.
 class CornerChooser {
  public:
-  /// Drops the corners of a level whose pixel the mask covers. Returns the number left, in order.
-  int drop_masked(const MaskProbe& mask, float scale, const PixelBlock& level, Corner* corners,
-                  int count);
+  /// Drops the corners of a level that the mask covers. Returns the number left, in order.
+  static int drop_masked(const MaskProbe& mask, float scale, Corner* corners, int count);
 
   /// Drops corners weaker than `threshold` from the cells that hold one which is not. Returns the
   /// number left, in order.

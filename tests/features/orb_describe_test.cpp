@@ -80,6 +80,7 @@ TEST(OrbDescriptors, AnglesAreOpenCvs) {
   OrbOptions options;
   options.levels = 1;
   options.max_features = 5000;
+  options.subpixel = false;
   OrbExtractor extractor(options);
   std::vector<cv::KeyPoint> ours;
   cv::Mat descriptors;

@@ -147,7 +147,7 @@ std::vector<Corner> corners_of(const cv::Mat& image, int border, int threshold, 
 bool same(const std::vector<Corner>& a, const std::vector<Corner>& b) {
   return a.size() == b.size() &&
          std::equal(a.begin(), a.end(), b.begin(), [](const Corner& p, const Corner& q) {
-           return p.x == q.x && p.y == q.y && p.score == q.score;
+           return p.x == q.x && p.y == q.y && p.score == q.score && p.dx == q.dx && p.dy == q.dy;
          });
 }
 
@@ -186,6 +186,19 @@ TEST(FastCorners, ScoreIsTheLargestThresholdAtWhichOpenCvFindsTheCorner) {
   for (std::size_t i = 0; i < corners.size(); i += 9) {
     EXPECT_TRUE(is_corner(corners[i], corners[i].score));
     EXPECT_FALSE(is_corner(corners[i], corners[i].score + 1));
+  }
+}
+
+TEST(FastCorners, PeakOfAParabolaIsLessThanHalfAPixelAway) {
+  for (int peak = 1; peak < 255; ++peak) {
+    for (int before = 0; before < peak; ++before) {
+      for (int after = 0; after <= peak; ++after) {
+        const double exact = 0.5 * (after - before) / (2.0 * peak - before - after);
+        const double found = kSubpixel * peak_offset(before, peak, after);
+        ASSERT_LT(std::abs(found), 0.5);
+        ASSERT_NEAR(found, exact, 1.01 * kSubpixel);
+      }
+    }
   }
 }
 

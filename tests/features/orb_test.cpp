@@ -361,6 +361,50 @@ TEST(OrbExtractor, FindsTheSamePlacesInATurnedImage) {
   }
 }
 
+// RMS distance, in pixels of the level, of features from where the same features lie in a copy that
+// is shifted by parts of a pixel and turned.
+double placement_error(const cv::Mat& image, const OrbOptions& options) {
+  cv::Matx23d warp = cv::getRotationMatrix2D({319.5F, 239.5F}, 4.0, 1.0);
+  warp(0, 2) += 2.37;
+  warp(1, 2) -= 1.71;
+  cv::Mat copy;
+  cv::warpAffine(image, copy, warp, image.size(), cv::INTER_CUBIC, cv::BORDER_REFLECT_101);
+  const Features a = extract(image, {}, options);
+  const Features b = extract(copy, {}, options);
+  double sum = 0.0;
+  int count = 0;
+  for (const cv::KeyPoint& k : a.keypoints) {
+    const cv::Point2f place = warped(warp, k.pt);
+    double nearest = 1.5;
+    for (const cv::KeyPoint& other : b.keypoints) {
+      if (other.octave != k.octave) continue;
+      nearest =
+          std::min(nearest, 31.0 / k.size * std::hypot(other.pt.x - place.x, other.pt.y - place.y));
+    }
+    if (nearest == 1.5) continue;
+    sum += nearest * nearest;
+    ++count;
+  }
+  EXPECT_GT(count, 300);
+  return std::sqrt(sum / count);
+}
+
+TEST(OrbExtractor, PlacesCornersBetweenPixels) {
+  const cv::Mat image = texture(640, 480, 6);
+  OrbOptions on_pixels;
+  on_pixels.subpixel = false;
+  EXPECT_LT(placement_error(image, {}), 0.7 * placement_error(image, on_pixels));
+}
+
+TEST(OrbExtractor, WithoutSubpixelPlacesCornersOnPixelsOfTheirLevel) {
+  OrbOptions options;
+  options.subpixel = false;
+  options.levels = 1;
+  for (const cv::KeyPoint& k : extract(texture(320, 240), {}, options).keypoints) {
+    EXPECT_EQ(k.pt, cv::Point2f(cv::Point(k.pt)));
+  }
+}
+
 TEST(OrbExtractor, FindsTheSamePlacesInAScaledImage) {
   const cv::Mat image = texture(640, 480, 6);
   for (const double scale : {0.7, 0.85, 1.3, 1.7}) {

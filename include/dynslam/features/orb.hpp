@@ -19,8 +19,8 @@ inline constexpr int kOrbDescriptorBytes = 32;
 /// Diameter in level pixels of the patch that gives a key point its angle.
 inline constexpr int kOrbPatchSize = 31;
 
-/// Nearest that a key point comes to the border of its pyramid level, in level pixels; rotated test
-/// pairs reach 18.
+/// Nearest that the pixel of a key point comes to the border of its pyramid level, in level pixels;
+/// rotated test pairs reach 18.
 inline constexpr int kOrbBorder = 19;
 
 /// Settings of OrbExtractor.
@@ -49,6 +49,10 @@ struct OrbOptions {
   /// Side in level pixels of the cells of the two thresholds, >= 8.
   /// Engineering.
   int cell_size = 32;
+  /// Put key points where the scores around a corner peak, not on the corner's pixel. Engineering:
+  /// it halves their error, see docs/components/features.md. Descriptors and angles are of the
+  /// pixel.
+  bool subpixel = true;
   /// A key point is dropped if any mask pixel within this many level-0 pixels
   /// of it (a square window) is set; 0..1024. 0 asks the pixel under the key
   /// point only, right for masks that were dilated already.
@@ -70,6 +74,8 @@ struct OrbOptions {
 ///
 /// Each key point carries
 /// - `pt`: level-0 pixels, pixel centres at integers. Pixel i of a level is (i + 1/2) scale - 1/2.
+///   With OrbOptions::subpixel, in each direction where the parabola through the scores of the
+///   pixel and its two neighbours peaks, less than half a level pixel away.
 /// - `octave`: level of the pyramid.
 /// - `angle`: degrees in [0, 360), clockwise in the image (x right, y down), of the intensity
 ///   centroid of a round patch 31 pixels wide.
@@ -83,8 +89,9 @@ struct OrbOptions {
 ///
 /// Source: Rublee, Rabaud, Konolige, Bradski, "ORB: an efficient alternative to SIFT or SURF", ICCV
 /// 2011. Departures: FAST score instead of the Harris measure, quadtree beside the strongest of the
-/// whole image, two thresholds. Departure from OpenCV: `pt` is where the pixel's centre really
-/// lies; OpenCV's i * scale is off by (scale - 1) / 2, which is 1.3 pixels on the eighth level.
+/// whole image, two thresholds, parabolas. Departure from OpenCV: `pt` is where the pixel's centre
+/// really lies; OpenCV's i * scale is off by (scale - 1) / 2, which is 1.3 pixels on the eighth
+/// level.
 class OrbExtractor {
  public:
   /// Throws InvalidArgument if the options are invalid.
