@@ -39,6 +39,8 @@ void MappingOptions::validate() const {
           "a share in (0, 1]");
   require(mono_keyframe_share > 0.0 && mono_keyframe_share <= 1.0, kName, "mono_keyframe_share",
           mono_keyframe_share, "a share in (0, 1]");
+  require(remaining_share >= 0.0 && remaining_share < 1.0, kName, "remaining_share",
+          remaining_share, "a share in [0, 1)");
   require(keyframe_similarity >= 0.0 && keyframe_similarity <= 1.0, kName, "keyframe_similarity",
           keyframe_similarity, "a share in [0, 1]");
   require(max_frames >= 1, kName, "max_frames", max_frames, "at least 1");

@@ -208,6 +208,7 @@ bool TrackingSession::wants_keyframe(int inliers) const {
   if (!backend_.accepts_keyframe()) return false;
   if (frames_since_keyframe_ < static_cast<std::size_t>(options_.mapping.min_frames)) return false;
   if (frames_since_keyframe_ >= static_cast<std::size_t>(options_.mapping.max_frames)) return true;
+  if (inliers < options_.mapping.remaining_share * most_inliers_) return true;
   const Map& map = shared_.map;
   const std::size_t min_observations = map.keyframe_count() > 2 ? 3 : 2;
   int reference_points = 0;
@@ -234,6 +235,7 @@ void TrackingSession::make_keyframe(FrameResult& result, TrackingLock& lock) {
   const KeyframeId keyframe = shared_.log.reference;
   result.keyframe = true;
   frames_since_keyframe_ = 0;
+  most_inliers_ = 0;
   without_map(lock, [&] { backend_.process(keyframe); });
   const Keyframe* refined = shared_.map.find_keyframe(keyframe);
   if (refined == nullptr) return;
@@ -407,6 +409,7 @@ void TrackingSession::step(FrameResult& result) {
     }
     shared_.log.reference = tracker_.local_map().reference;
     ++frames_since_keyframe_;
+    most_inliers_ = std::max(most_inliers_, result.inliers);
     update_velocity();
     if (state_ == TrackingState::kTracked && wants_keyframe(result.inliers)) {
       make_keyframe(result, lock);

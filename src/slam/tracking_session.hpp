@@ -74,6 +74,7 @@ class TrackingSession {
   TrackedFrame current_, last_;
   TrackingState state_ = TrackingState::kNotInitialized;
   std::size_t frames_since_keyframe_ = 0;
+  int most_inliers_ = 0;            // of the frames since the last keyframe
   std::size_t next_candidate_ = 0;  // where the search for a lost frame goes on
   double lost_since_ = 0.0;
   bool movers_found_ = false;           // in the last frame

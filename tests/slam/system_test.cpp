@@ -220,6 +220,30 @@ TEST(System, MakesKeyframesOfFramesThatLookNewWhenAskedTo) {
   EXPECT_GT(more, few);
 }
 
+TEST(System, MakesAKeyframeWhenTooLittleIsLeftOfWhatWasFound) {
+  SystemOptions options = make_system().options();
+  options.mapping.max_frames = 1000;
+  options.mapping.keyframe_share = 0.01;
+  const auto keyframes_with_half_hidden = [&](double remaining_share) {
+    options.mapping.remaining_share = remaining_share;
+    System system(dataset::scene_camera(320, 240), options);
+    std::size_t keyframes = 0;
+    for (std::size_t i = 0; i < 20; ++i) {
+      FrameInput input = input_of(frames_of("room_still")[i]);
+      if (i >= 10) {
+        input.mask = cv::Mat::zeros(input.image.size(), CV_8UC1);
+        input.mask.colRange(0, 160) = 255;
+      }
+      const FrameResult result = system.track(input);
+      EXPECT_EQ(result.state, TrackingState::kTracked) << i;
+      if (i >= 10) keyframes += result.keyframe;
+    }
+    return keyframes;
+  };
+  EXPECT_EQ(keyframes_with_half_hidden(0.0), 0U);
+  EXPECT_GE(keyframes_with_half_hidden(0.8), 1U);
+}
+
 TEST(System, TellsWhatBecameOfEveryFeature) {
   SystemOptions options = make_system().options();
   options.geometry = true;
@@ -424,6 +448,7 @@ TEST(SystemOptions, EveryRuleIsCheckedByName) {
         [](SystemOptions& o) { o.tracking.min_relocalization_inliers = 1; });
   names("local_keyframes", [](SystemOptions& o) { o.tracking.local_keyframes = 0; });
   names("keyframe_share", [](SystemOptions& o) { o.mapping.keyframe_share = 1.5; });
+  names("remaining_share", [](SystemOptions& o) { o.mapping.remaining_share = 1; });
   names("max_frames", [](SystemOptions& o) { o.mapping.max_frames = 0; });
   names("min_frames", [](SystemOptions& o) { o.mapping.min_frames = -1; });
   names("bundle_keyframes", [](SystemOptions& o) { o.mapping.bundle_keyframes = 0; });

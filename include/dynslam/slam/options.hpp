@@ -62,6 +62,10 @@ struct MappingOptions {
   /// The same with Sensor::kMono, (0, 1]: new points need two keyframes there. Engineering (field's
   /// habit: 0.9).
   double mono_keyframe_share = 0.90;
+  /// A keyframe is made as well when fewer points are found than this share of the most that a
+  /// frame found since the last one, [0, 1); 0 switches that off. Where much is hidden few points
+  /// are seen often enough to count in `keyframe_share`. Engineering.
+  double remaining_share = 0.5;
   /// Choose keyframes by their looks instead (P-Mixed section 2): a frame becomes one when its
   /// similarity to each of the keyframes around is below this share of its similarity to the frame
   /// before, [0, 1]; 0 switches that off. Similarity: share of features found again by descriptor
