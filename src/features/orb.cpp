@@ -206,7 +206,9 @@ struct OrbExtractor::Impl {
         corner.dx = corner.dy = 0;
       }
     }
-    if (!mask.empty()) count = chooser.drop_masked(mask, scale, corners.data(), count);
+    if (!mask.empty()) {
+      count = detail::CornerChooser::drop_masked(mask, scale, corners.data(), count);
+    }
     if (options.min_fast_threshold < options.fast_threshold) {
       count = chooser.drop_weak(options.cell_size, options.fast_threshold, image, corners.data(),
                                 count);

@@ -70,7 +70,7 @@ class CornerChooser {
   void pick_evenly(const std::vector<Corner>& corners, int count);
   void pick_strongest(const std::vector<Corner>& corners, int count);
 
-  std::vector<std::int32_t> columns_, rows_;
+  std::vector<std::int32_t> columns_;
   std::vector<std::uint8_t> cell_has_strong_;
   std::vector<std::uint64_t> sorted_, scratch_;  // place in the quadtree (high half), corner
   std::vector<Node> open_, next_, leaves_;
