@@ -76,6 +76,7 @@ bool TrackingSession::initialize_mono(FrameResult& result) {
   shared_.log.reference = backend_.insert_start(start, current_, shared_.log.size());
   velocity_ = se3_log(current_.T_cam_world) / (current_.timestamp - start.first.timestamp);
   frames_since_keyframe_ = 0;
+  most_inliers_ = 0;
   result.keyframe = true;
   mono_.reset();
   return true;
