@@ -32,6 +32,7 @@ std::string expected(const DepthCamera& camera, const char* type) {
 FrameBuilder::FrameBuilder(const DepthCamera& camera, const SystemOptions& options)
     : camera_(camera),
       sensor_(options.sensor),
+      geometry_(options.geometry),
       max_depth_(options.tracking.max_depth),
       max_stereo_depth_(options.tracking.max_depth_baselines * camera.baseline()),
       extractor_(options.tracking.orb) {
@@ -90,18 +91,19 @@ FrameFeaturesPtr FrameBuilder::build(const FrameInput& frame) {
 
 void FrameBuilder::copy_depth(const FrameInput& frame, TrackedFrame& copy) const {
   const bool deep = sensor_ == Sensor::kRgbd && !frame.depth.empty();
-  if (!deep || frame.mask.empty()) {
-    copy.mask.release();
-    copy.hidden_depth.release();
-    if (deep) {
-      frame.depth.copyTo(copy.depth);
-    } else {
-      copy.depth.release();
-    }
+  if (geometry_ && deep && !frame.mask.empty()) {
+    frame.mask.copyTo(copy.mask);
+    split_depth(frame.depth, frame.mask, copy.depth, copy.hidden_depth);
     return;
   }
-  frame.mask.copyTo(copy.mask);
-  split_depth(frame.depth, frame.mask, copy.depth, copy.hidden_depth);
+  copy.mask.release();
+  copy.hidden_depth.release();
+  if (!deep) {
+    copy.depth.release();
+    return;
+  }
+  frame.depth.copyTo(copy.depth);
+  if (!frame.mask.empty()) copy.depth.setTo(0.0F, frame.mask);
 }
 
 void FrameBuilder::add_depth(const cv::Mat& depth, FrameFeatures& features) const {

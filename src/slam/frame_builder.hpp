@@ -26,7 +26,8 @@ class FrameBuilder {
 
   FrameFeaturesPtr build(const FrameInput& frame);
 
-  /// Sets depth, mask and hidden depth of `copy`, or releases what the frame does not have.
+  /// Sets the depth of `copy`, without what is masked, and for the search for movers its mask and
+  /// hidden depth; releases what the frame does not have or nobody asks for.
   void copy_depth(const FrameInput& frame, TrackedFrame& copy) const;
 
   /// Gives away the last image built from, grey, for memory to write the next one to.
@@ -42,6 +43,7 @@ class FrameBuilder {
 
   DepthCamera camera_;
   Sensor sensor_;
+  bool geometry_;
   double max_depth_;
   double max_stereo_depth_;
   features::OrbExtractor extractor_;

@@ -154,6 +154,13 @@ TEST(System, MoversHoldTheMaskFittedToTheDepth) {
   EXPECT_LT(wrongly, found / 10);
 }
 
+TEST(System, TellsNothingOfMoversWithoutGeometry) {
+  System system = make_system();
+  for (std::size_t i = 0; i < 3; ++i) system.track(input_of(frames_of("room_walking")[i], true));
+  EXPECT_TRUE(system.movers().mask.empty());
+  EXPECT_TRUE(system.movers().judged.empty());
+}
+
 TEST(System, GeometryTakesNothingInAStillRoomForMoving) {
   SystemOptions options = make_system().options();
   options.geometry = true;
