@@ -1,16 +1,19 @@
 #include "map_bundle.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <map>
 #include <unordered_set>
 #include <utility>
 
 #include "map_correction.hpp"
+#include "residual_noise.hpp"
 
 namespace dynslam::slam {
 namespace {
 
 constexpr std::size_t kMaxHeld = 30;  // keyframes held in place
+constexpr double kLeastNoise = 0.15;  // pixels of a level; FAST corners are not better
 
 }  // namespace
 
@@ -98,6 +101,16 @@ void MapBundle::add_observations(const Map& map, const std::vector<float>& scale
   }
 }
 
+// In pixels of a level, before anything is moved; a pixel at most, as tests of inliers assume.
+double MapBundle::noise(const PinholeCamera& camera) const {
+  ResidualNoise residuals;
+  for (const factors::BundleObservation& o : observations_) {
+    residuals.add(camera, poses_[o.keyframe] * positions_[o.point], {o.u, o.v}, o.inverse_sigma);
+  }
+  const double noise = residuals.standard_deviation();
+  return std::isnan(noise) ? 1.0 : std::clamp(noise, kLeastNoise, 1.0);
+}
+
 bool MapBundle::solve(const DepthCamera& camera, factors::BundleWorkspace& workspace,
                       const std::atomic<bool>& stop) {
   inliers_.assign(observations_.size(), 0);
@@ -109,6 +122,7 @@ bool MapBundle::solve(const DepthCamera& camera, factors::BundleWorkspace& works
   problem.observations = observations_;
   problem.inliers = inliers_;
   factors::BundleOptions options;
+  options.loss.scale *= noise(camera);  // what is far beyond the noise is an error, not noise
   options.abort = &stop;
   return factors::usable(factors::optimize_bundle(problem, options, &workspace).status);
 }

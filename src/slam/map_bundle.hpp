@@ -46,6 +46,7 @@ class MapBundle {
   void add_poses(const Map& map);
   void add_observations(const Map& map, const std::vector<float>& scale_factors);
   void write_points(Map& map) const;
+  double noise(const PinholeCamera& camera) const;
 
   std::vector<KeyframeId> keyframes_;  // the free ones first
   std::size_t free_count_ = 0;

@@ -1,7 +1,14 @@
 #include "pose_estimation.hpp"
 
+#include <algorithm>
+#include <cmath>
+
 namespace dynslam::slam {
 namespace {
+
+constexpr double kInflation = 2.5;   // errors of the map are the same in every frame and don't show
+constexpr double kLeastNoise = 0.3;  // pixels of a level
+constexpr double kMomentum = 0.8;    // share of the frames before in the noise
 
 factors::PoseOptimizerOptions optimizer_options(factors::WeightMode weights) {
   factors::PoseOptimizerOptions options;
@@ -14,7 +21,7 @@ factors::PoseOptimizerOptions optimizer_options(factors::WeightMode weights) {
 
 PoseEstimation::PoseEstimation(const DepthCamera& camera, const std::vector<float>& scale_factors,
                                factors::WeightMode weights)
-    : camera_(camera), optimizer_(optimizer_options(weights)) {
+    : camera_(camera), options_(optimizer_options(weights)), optimizer_(options_) {
   for (const float scale : scale_factors) inverse_sigma_of_octave_.push_back(1.0F / scale);
 }
 
@@ -22,6 +29,7 @@ factors::PoseResult PoseEstimation::solve(const std::vector<PointMatch>& matches
                                           const FrameFeatures& features,
                                           const RigidTransform& initial,
                                           const factors::PosePrior* prior) {
+  const auto certainty = static_cast<float>(1.0 / noise_);
   points_.clear();
   pixels_.clear();
   right_columns_.clear();
@@ -32,7 +40,8 @@ factors::PoseResult PoseEstimation::solve(const std::vector<PointMatch>& matches
     points_.push_back(match.position);
     pixels_.emplace_back(keypoint.pt.x, keypoint.pt.y);
     right_columns_.push_back(features.right_columns[match.feature]);
-    inverse_sigma_.push_back(inverse_sigma_of_octave_[static_cast<std::size_t>(keypoint.octave)]);
+    inverse_sigma_.push_back(certainty *
+                             inverse_sigma_of_octave_[static_cast<std::size_t>(keypoint.octave)]);
     weights_.push_back(match.weight);
   }
   const factors::PoseObservations<float> observations = {as_points<double>(points_),
@@ -42,6 +51,22 @@ factors::PoseResult PoseEstimation::solve(const std::vector<PointMatch>& matches
                                                          weights_,
                                                          {}};
   return optimizer_.optimize(camera_, observations, initial, prior);
+}
+
+void PoseEstimation::learn_noise(const RigidTransform& T_cam_world) {
+  residuals_.clear();
+  for (std::size_t i = 0; i < points_.size(); ++i) {
+    if (inliers()[i] == 0) continue;
+    residuals_.add(camera_, T_cam_world * points_[i], pixels_[i].cast<double>(),
+                   noise_ * inverse_sigma_[i]);
+  }
+  const double seen = residuals_.standard_deviation();
+  if (std::isnan(seen)) return;
+  noise_ = std::clamp(kMomentum * noise_ + (1.0 - kMomentum) * kInflation * seen, kLeastNoise, 1.0);
+  factors::PoseOptimizerOptions scaled = options_;
+  scaled.chi2_mono /= noise_ * noise_;
+  scaled.chi2_depth /= noise_ * noise_;
+  optimizer_.set_options(scaled);
 }
 
 }  // namespace dynslam::slam

@@ -11,6 +11,8 @@
 #include "dynslam/factors/pose_optimizer.hpp"
 #include "dynslam/slam/frame.hpp"
 
+#include "residual_noise.hpp"
+
 namespace dynslam::slam {
 
 /// Feature `feature` shows the point of the world at `position`, believed static to `weight`.
@@ -32,6 +34,11 @@ class PoseEstimation {
                             const RigidTransform& initial,
                             const factors::PosePrior* prior = nullptr);
 
+  /// Learns the noise of key points from the inliers of the last solve(), for those to come: errors
+  /// are then weighed by it (robust loss, prior, covariance). Who is an inlier does not depend on
+  /// it.
+  void learn_noise(const RigidTransform& T_cam_world);
+
   Span<const std::uint8_t> inliers() const { return optimizer_.inliers(); }
   /// Weights at the optimum, by match.
   Span<const float> weights() const { return optimizer_.weights(); }
@@ -39,7 +46,10 @@ class PoseEstimation {
  private:
   DepthCamera camera_;
   std::vector<float> inverse_sigma_of_octave_;
+  factors::PoseOptimizerOptions options_;
   factors::PoseOptimizer optimizer_;
+  ResidualNoise residuals_;
+  double noise_ = 1.0;  // pixels of a level
   std::vector<Eigen::Vector3d> points_;
   std::vector<Eigen::Vector2f> pixels_;
   std::vector<float> right_columns_, inverse_sigma_, weights_;

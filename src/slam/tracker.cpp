@@ -280,7 +280,10 @@ int Tracker::track_local_map(Map& map, KeyframeId reference, TrackedFrame& frame
   if (geometry_) prefer_proven();
   if (wide) motion_.forget_prediction();
   const int inliers = optimize_as_expected(frame);
-  if (inliers >= options_.min_inliers) remember_motion(frame);
+  if (inliers >= options_.min_inliers) {
+    pose_.learn_noise(frame.T_cam_world);
+    remember_motion(frame);
+  }
   if (!learns_) return inliers;
   for (const PointId id : predictions_.ids) {
     if (id != kNoId) ++map.point(id).visible;

@@ -1,0 +1,27 @@
+#include "residual_noise.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+namespace dynslam::slam {
+namespace {
+
+constexpr std::size_t kFewest = 30;  // errors whose median says something
+
+}  // namespace
+
+void ResidualNoise::add(const PinholeCamera& camera, const Eigen::Vector3d& X,
+                        const Eigen::Vector2d& pixel, double inverse_sigma) {
+  if (!PinholeCamera::in_domain(X)) return;
+  squared_.push_back((camera.project(X) - pixel).squaredNorm() * inverse_sigma * inverse_sigma);
+}
+
+double ResidualNoise::standard_deviation() {
+  if (squared_.size() < kFewest) return std::numeric_limits<double>::quiet_NaN();
+  const auto middle = squared_.begin() + static_cast<std::ptrdiff_t>(squared_.size() / 2);
+  std::nth_element(squared_.begin(), middle, squared_.end());
+  return std::sqrt(*middle / (2.0 * std::log(2.0)));
+}
+
+}  // namespace dynslam::slam
