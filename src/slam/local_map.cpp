@@ -20,7 +20,7 @@ template <typename Value>
 class BySlot {
  public:
   Value& operator[](std::uint64_t id) {
-    const auto slot = static_cast<std::size_t>(static_cast<std::uint32_t>(id));
+    const std::size_t slot = slot_of(id);
     if (slot >= values_.size()) values_.resize(2 * slot + 1);
     return values_[slot];
   }

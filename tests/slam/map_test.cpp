@@ -70,8 +70,22 @@ TEST(SlotMap, UsesSlotsAgainSoThatMemoryIsThatOfTheLiving) {
   SlotMap<int> numbers;
   const std::uint64_t keep = numbers.emplace(0);
   for (int i = 0; i < 1000; ++i) numbers.erase(numbers.emplace(i));
-  EXPECT_LT(static_cast<std::uint32_t>(numbers.emplace(1)), 3U);
+  EXPECT_LT(slot_of(numbers.emplace(1)), 3U);
   EXPECT_TRUE(numbers.contains(keep));
+}
+
+TEST(SlotMap, GivesTheLivingSlotsOfTheirOwn) {
+  SlotMap<int> numbers;
+  std::vector<std::uint64_t> ids;
+  for (int i = 0; i < 10; ++i) ids.push_back(numbers.emplace(i));
+  for (std::size_t i = 0; i < ids.size(); i += 3) {
+    numbers.erase(ids[i]);
+    ids[i] = numbers.emplace(100);
+  }
+  std::set<std::uint32_t> slots;
+  for (const std::uint64_t id : ids) slots.insert(slot_of(id));
+  EXPECT_EQ(slots.size(), ids.size());
+  EXPECT_EQ(*slots.rbegin(), ids.size() - 1);
 }
 
 TEST(Map, ObservationsAreKnownOnBothSides) {

@@ -13,6 +13,10 @@ namespace dynslam::slam {
 /// Id of nothing.
 inline constexpr std::uint64_t kNoId = ~std::uint64_t{0};
 
+/// Where the object of an id lies: alone there among the living, and below the number of slots, so
+/// that an array can hold a value for each object.
+inline std::uint32_t slot_of(std::uint64_t id) { return static_cast<std::uint32_t>(id); }
+
 /// Owns objects of type T; an id is its slot and how often the slot was used before.
 ///
 /// Looking up, inserting and erasing are O(1); an id of an erased object finds nothing, ever.
@@ -41,7 +45,7 @@ class SlotMap {
   /// The object, or nullptr if the id is unknown or its object was erased.
   T* find(std::uint64_t id) { return const_cast<T*>(std::as_const(*this).find(id)); }
   const T* find(std::uint64_t id) const {
-    const auto slot = static_cast<std::uint32_t>(id);
+    const std::uint32_t slot = slot_of(id);
     if (id == kNoId || slot >= slots_.size()) return nullptr;
     const Slot& entry = slots_[slot];
     return entry.alive && entry.generation == id >> 32U ? &entry.value : nullptr;
@@ -63,7 +67,7 @@ class SlotMap {
   /// Erases the object; false if there is none.
   bool erase(std::uint64_t id) {
     if (!contains(id)) return false;
-    const auto slot = static_cast<std::uint32_t>(id);
+    const std::uint32_t slot = slot_of(id);
     slots_[slot].value = T{};
     slots_[slot].alive = false;
     ++slots_[slot].generation;
