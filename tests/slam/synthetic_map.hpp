@@ -63,9 +63,15 @@ class SyntheticMap {
 
   /// Makes a keyframe of what a camera at `degrees` sees, at the pose that drift has led to.
   KeyframeId look(double degrees, const RigidTransform& T_cam_world) {
-    const RigidTransform T_cam_true = true_pose(degrees);
-    auto features = std::make_shared<FrameFeatures>();
     std::vector<std::size_t> seen;
+    const FrameFeaturesPtr features = see(true_pose(degrees), seen);
+    return insert(features, seen, T_cam_world);
+  }
+
+  /// What a camera sees of the wall; `seen` is which of its points, by feature.
+  FrameFeaturesPtr see(const RigidTransform& T_cam_true, std::vector<std::size_t>& seen) {
+    auto features = std::make_shared<FrameFeatures>();
+    seen.clear();
     for (std::size_t i = 0; i < wall.size(); ++i) {
       const Eigen::Vector3d in_camera = T_cam_true * wall[i].position;
       const auto pixel = camera.project_into_image(in_camera);
@@ -90,7 +96,7 @@ class SyntheticMap {
     }
     features->grid.build(field(features->keypoints, &cv::KeyPoint::pt), camera.width,
                          camera.height);
-    return insert(features, seen, T_cam_world);
+    return features;
   }
 
   DepthCamera camera;
