@@ -5,7 +5,7 @@ namespace dynslam::evaluation {
 namespace {
 
 TEST(FuzzCorpus, IsReadAndItsBeginningsAreReadOrRefused) {
-  dynslam::testing::replay_corpus("trajectory_fuzz", 2, testing::parse_any_trajectory);
+  dynslam::testing::replay_corpus("trajectory_fuzz", 2, testing::parse_any);
 }
 
 }  // namespace

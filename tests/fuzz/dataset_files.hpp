@@ -17,7 +17,7 @@ inline void must(bool holds) {
 }
 
 /// Throws IoError for what the parsers refuse; aborts if they let something unsound pass.
-inline void parse_dataset_file(std::string_view bytes) {
+inline void parse_any(std::string_view bytes) {
   if (bytes.empty()) return;
   const std::string_view text = bytes.substr(1), path = "fuzz";
   const auto check_images = [](const std::vector<ImageRow>& rows) {

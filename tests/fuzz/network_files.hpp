@@ -13,7 +13,7 @@
 namespace dynslam::segmentation::testing {
 
 /// Throws IoError for what the readers refuse; aborts if they let something unsound pass.
-inline void parse_network_file(std::string_view bytes) {
+inline void parse_any(std::string_view bytes) {
   if (bytes.empty()) return;
   const std::string rest(bytes.substr(1));
   if (bytes.front() == 'o') {

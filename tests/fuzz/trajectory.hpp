@@ -10,7 +10,7 @@
 namespace dynslam::evaluation::testing {
 
 /// Throws IoError for what the reader refuses; aborts if it lets an unsound trajectory pass.
-inline void parse_any_trajectory(std::string_view text) {
+inline void parse_any(std::string_view text) {
   const Trajectory trajectory = parse_trajectory(text, "fuzz");
   if (trajectory.empty()) std::abort();
   for (std::size_t i = 0; i < trajectory.size(); ++i) {
