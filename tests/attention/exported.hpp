@@ -11,26 +11,28 @@
 
 #include <gtest/gtest.h>
 
+#include "dynslam/core/files.hpp"
+
+#include "temp_folder.hpp"
+
 namespace dynslam::attention::testing {
 
 inline bool torch_is_here() { return std::string(DYNSLAM_TORCH_PYTHON) != ""; }
 
-/// Exports <name>.onnx and <name>.safetensors into the scratch directory; empty if that failed.
+/// Exports <name>.onnx and <name>.safetensors, once in a process; their path without the ending, or
+/// empty if that failed.
 inline std::string exported(const std::string& name, const std::string& more = "") {
-  const std::string folder = "exported";
-  const std::string stem = folder + "/" + name;
-  const auto newer_than = [&](const char* script) {
-    return std::filesystem::last_write_time(stem + ".safetensors") >
-           std::filesystem::last_write_time(std::string(DYNSLAM_TEST_SOURCE_DIR) + script);
-  };
-  if (std::filesystem::exists(stem + ".safetensors") && newer_than("/layers.py") &&
-      newer_than("/export_onnx.py")) {
-    return stem;
-  }
+  static const dynslam::testing::TempFolder folder;
+  const std::string stem = folder.file(name), log = folder.file("log");
+  if (std::filesystem::exists(stem + ".safetensors")) return stem;
   const std::string command = std::string(DYNSLAM_TORCH_PYTHON) + " " + DYNSLAM_TEST_SOURCE_DIR +
-                              "/export_onnx.py " + folder + " --only " + name + " " + more;
+                              "/export_onnx.py " + folder.path().string() + " --only " + name +
+                              " " + more;
   // The sanitizers' library would be loaded into the interpreter too.
-  if (std::system(("LD_PRELOAD= " + command + " > export.log 2>&1").c_str()) != 0) return {};
+  if (std::system(("LD_PRELOAD= " + command + " > " + log + " 2>&1").c_str()) != 0) {
+    ADD_FAILURE() << read_file(log);
+    return {};
+  }
   return stem;
 }
 

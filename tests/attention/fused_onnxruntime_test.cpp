@@ -33,7 +33,7 @@ TEST(OnnxRuntimeOperators, EqualPyTorch) {
   for (const std::string name : {"small_dfc", "small_ghost", "small_bottleneck", "small_c3",
                                  "small_cbam", "small_cbam_spatial_first"}) {
     const std::string stem = testing::exported(name);
-    ASSERT_FALSE(stem.empty()) << "see export.log";
+    ASSERT_FALSE(stem.empty());
     const OnnxFusion fusion = fuse_onnx(testing::bytes_of_file(stem + ".onnx"), stem);
     ASSERT_EQ(fusion.total(), 1) << name;
     Ort::SessionOptions options;

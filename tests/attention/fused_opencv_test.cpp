@@ -66,7 +66,7 @@ class FusedLayer : public ::testing::TestWithParam<Case> {};
 TEST_P(FusedLayer, InOpenCvEqualsPyTorch) {
   if (!torch_is_here()) GTEST_SKIP() << "no python3 that can import torch was found";
   const std::string stem = exported(GetParam().name);
-  ASSERT_FALSE(stem.empty()) << "see export.log";
+  ASSERT_FALSE(stem.empty());
   const OnnxFusion fusion = fuse_onnx(testing::bytes_of_file(stem + ".onnx"), stem + ".onnx");
   EXPECT_EQ(fusion.*GetParam().count, 1);
   EXPECT_EQ(fusion.total(), 1);
@@ -101,7 +101,7 @@ double milliseconds(cv::dnn::Net& net, const SafeTensors& data) {
 TEST(FusedNetwork, OfGhostV2C3YoloEqualsTheUnfusedOneAndIsFaster) {
   if (!torch_is_here()) GTEST_SKIP() << "no python3 that can import torch was found";
   const std::string stem = exported("yolov5s_seg_ghost", "--size 160 224");
-  ASSERT_FALSE(stem.empty()) << "see export.log";
+  ASSERT_FALSE(stem.empty());
   const std::vector<std::uint8_t> bytes = testing::bytes_of_file(stem + ".onnx");
   const OnnxFusion fusion = fuse_onnx(bytes, stem + ".onnx");
   EXPECT_EQ(fusion.ghost_c3, 8);

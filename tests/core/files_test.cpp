@@ -4,13 +4,13 @@
 #include <cstddef>
 #include <filesystem>
 #include <functional>
-#include <iterator>
 #include <string>
 #include <vector>
 
 #include <gtest/gtest.h>
 
 #include "full_disk.hpp"
+#include "temp_folder.hpp"
 
 namespace dynslam {
 namespace {
@@ -19,17 +19,9 @@ namespace fs = std::filesystem;
 
 class Files : public ::testing::Test {
  protected:
-  Files() { fs::create_directories(folder_); }
-  ~Files() override { fs::remove_all(folder_); }
-  std::string file(const char* name) const { return (folder_ / name).string(); }
-  std::size_t count() const {
-    return static_cast<std::size_t>(
-        std::distance(fs::directory_iterator(folder_), fs::directory_iterator()));
-  }
+  std::string file(const char* name) const { return folder_.file(name); }
 
-  fs::path folder_ =
-      fs::temp_directory_path() / ("dynslam_files_" + std::to_string(::getpid()) +
-                                   ::testing::UnitTest::GetInstance()->current_test_info()->name());
+  testing::TempFolder folder_;
 };
 
 std::string error_of(const std::function<void()>& work) {
@@ -55,7 +47,7 @@ TEST_F(Files, ComeBackAsTheyWereWritten) {
   pieces.write(bytes);
   pieces.commit();
   EXPECT_EQ(read_file(file("a")), bytes + bytes);
-  EXPECT_EQ(count(), 1U) << "nothing lies beside";
+  EXPECT_EQ(folder_.entries(), 1U) << "nothing lies beside";
 }
 
 TEST_F(Files, LeaveTheOldContentUntilCommitted) {
@@ -66,7 +58,7 @@ TEST_F(Files, LeaveTheOldContentUntilCommitted) {
     EXPECT_EQ(read_file(file("a")), "old");
   }
   EXPECT_EQ(read_file(file("a")), "old");
-  EXPECT_EQ(count(), 1U);
+  EXPECT_EQ(folder_.entries(), 1U);
 }
 
 TEST_F(Files, AFullDiskIsAnErrorAndLeavesTheOldContent) {
@@ -79,7 +71,7 @@ TEST_F(Files, AFullDiskIsAnErrorAndLeavesTheOldContent) {
               std::string::npos);
   }
   EXPECT_EQ(read_file(file("a")), "old");
-  EXPECT_EQ(count(), 1U) << "nothing half written is left";
+  EXPECT_EQ(folder_.entries(), 1U) << "nothing half written is left";
 }
 
 TEST_F(Files, ASymbolicLinkStaysOne) {
@@ -103,8 +95,8 @@ TEST_F(Files, ErrorsNameTheFile) {
   EXPECT_NE(error_of([&] { read_file(file("no")); }).find(file("no") + ": there is no such file"),
             std::string::npos);
   EXPECT_NE(error_of([&] {
-              read_file(folder_.string());
-            }).find(folder_.string() + ": is a folder, not a file"),
+              read_file(folder_.path().string());
+            }).find(folder_.path().string() + ": is a folder, not a file"),
             std::string::npos);
 }
 

@@ -7,7 +7,7 @@
 #include "dynslam/core/rigid_transform.hpp"
 #include "dynslam/dataset/readers.hpp"
 
-#include "dataset/temp_folder.hpp"
+#include "dataset/tiny_folders.hpp"
 
 namespace dynslam::dataset {
 namespace {

@@ -9,7 +9,7 @@
 
 #include <gtest/gtest.h>
 
-#include "dataset/temp_folder.hpp"
+#include "dataset/tiny_folders.hpp"
 
 namespace dynslam::dataset {
 namespace {

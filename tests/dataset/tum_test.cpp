@@ -6,7 +6,7 @@
 
 #include "dynslam/dataset/readers.hpp"
 
-#include "dataset/temp_folder.hpp"
+#include "dataset/tiny_folders.hpp"
 
 namespace dynslam::dataset {
 namespace {

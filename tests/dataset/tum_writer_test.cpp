@@ -7,7 +7,7 @@
 
 #include "dynslam/dataset/readers.hpp"
 
-#include "dataset/temp_folder.hpp"
+#include "dataset/tiny_folders.hpp"
 #include "full_disk.hpp"
 
 namespace dynslam::dataset {

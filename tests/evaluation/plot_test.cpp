@@ -12,6 +12,7 @@
 #include "dynslam/evaluation/trajectory_plots.hpp"
 
 #include "evaluation/support.hpp"
+#include "temp_folder.hpp"
 
 namespace dynslam::evaluation {
 namespace {
@@ -67,7 +68,7 @@ TEST_F(PlotTest, IsTheSameEveryTime) {
 }
 
 TEST_F(PlotTest, TakesNamesAsTextNeverAsCommands) {
-  const testing::Folder folder;
+  const dynslam::testing::TempFolder folder;
   const std::string mark = folder.file("mark");
   for (const std::string& name :
        {"`touch " + mark + "`", "'; system('touch " + mark + "'); '", "\n!touch " + mark + "\n",
@@ -147,7 +148,7 @@ TEST_F(PlotTest, KeepsThePeaksAndGapsOfLongSeries) {
 }
 
 TEST_F(PlotTest, IsWrittenToAFile) {
-  const testing::Folder folder;
+  const dynslam::testing::TempFolder folder;
   write_plot(folder.file("p.svg"), plot_of(line({0, 1}, {0, 1})));
   const std::string text = testing::read(folder.file("p.svg"));
   EXPECT_EQ(text.find("<?xml"), 0u);
@@ -172,7 +173,7 @@ TEST(Gnuplot, MissingIsAValueThatSaysSo) {
   EXPECT_EQ(result.status, PlotStatus::kGnuplotMissing);
   EXPECT_TRUE(result.svg.empty());
   EXPECT_NE(result.problem.find("\"no-such-gnuplot\" cannot be started"), std::string::npos);
-  const testing::Folder folder;
+  const dynslam::testing::TempFolder folder;
   EXPECT_THROW(write_plot(folder.file("p.svg"), {}, options), IoError);
   EXPECT_EQ(folder.entries(), 0u);
 }
@@ -184,7 +185,7 @@ TEST(Gnuplot, ThatPrintsNoSvgHasFailed) {
 }
 
 TEST(Gnuplot, ThatHangsIsKilled) {
-  const testing::Folder folder;
+  const dynslam::testing::TempFolder folder;
   const std::string program = folder.file("hang");
   testing::write(program, "#!/bin/sh\nexec sleep 60\n");
   std::filesystem::permissions(program, std::filesystem::perms::owner_all);

@@ -11,6 +11,7 @@
 #include "dynslam/core/errors.hpp"
 
 #include "evaluation/support.hpp"
+#include "temp_folder.hpp"
 
 namespace dynslam::evaluation {
 namespace {
@@ -173,7 +174,7 @@ TEST(Report, OfNothingAtAllIsStillAPage) {
 }
 
 TEST(Report, IsWrittenCompleteOrNotAtAll) {
-  const testing::Folder folder;
+  const dynslam::testing::TempFolder folder;
   const ReportData data = without_gnuplot(sample(10));
   EXPECT_FALSE(write_report(folder.file("report.html"), data).problem.empty());
   EXPECT_EQ(testing::read(folder.file("report.html")), report_html(data));

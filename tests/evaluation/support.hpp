@@ -11,8 +11,6 @@
 #include <sstream>
 #include <string>
 
-#include <unistd.h>
-
 #include "dynslam/core/rigid_transform.hpp"
 #include "dynslam/core/trajectory.hpp"
 #include "dynslam/evaluation/trajectory_io.hpp"
@@ -54,35 +52,6 @@ inline Trajectory with_noise(const Trajectory& trajectory, std::mt19937& random,
   }
   return noisy;
 }
-
-/// A folder of one test, gone when the test is over.
-class Folder {
- public:
-  Folder()
-      : path_(std::filesystem::current_path() /
-              ("evaluation_test_" + std::to_string(::getpid()) + "_" + std::to_string(count()++))) {
-    std::filesystem::create_directories(path_);
-  }
-  Folder(const Folder&) = delete;
-  Folder& operator=(const Folder&) = delete;
-  ~Folder() {
-    std::error_code ignored;
-    std::filesystem::remove_all(path_, ignored);
-  }
-  std::string file(const std::string& name) const { return (path_ / name).string(); }
-  std::string path() const { return path_.string(); }
-  std::size_t entries() const {
-    return static_cast<std::size_t>(std::distance(std::filesystem::directory_iterator(path_),
-                                                  std::filesystem::directory_iterator()));
-  }
-
- private:
-  static int& count() {
-    static int count = 0;
-    return count;
-  }
-  std::filesystem::path path_;
-};
 
 inline void write(const std::string& path, const std::string& text) {
   std::ofstream(path, std::ios::binary) << text;

@@ -9,11 +9,12 @@
 #include "dynslam/core/errors.hpp"
 
 #include "evaluation/support.hpp"
+#include "temp_folder.hpp"
 
 namespace dynslam::evaluation {
 namespace {
 
-using testing::Folder;
+using dynslam::testing::TempFolder;
 using testing::message_of;
 
 constexpr const char* kKittiRow = "1 0 0 1.5 0 1 0 2.5 0 0 1 3.5\n";
@@ -72,7 +73,7 @@ TEST(TrajectoryIo, NormalizesRoundedRotations) {
 }
 
 TEST(TrajectoryIo, TakesKittiTimesFromTheirOwnFile) {
-  const Folder folder;
+  const TempFolder folder;
   testing::write(folder.file("times.txt"), "0.0\n1.036224e-01\n");
   ReadTrajectoryOptions options;
   options.times_path = folder.file("times.txt");
@@ -139,7 +140,7 @@ TEST(TrajectoryIo, SortsAndDropsRepeatedTimestampsWhenAsked) {
 }
 
 TEST(TrajectoryIo, RefusesTimesThatDoNotFitThePoses) {
-  const Folder folder;
+  const TempFolder folder;
   ReadTrajectoryOptions options;
   options.times_path = folder.file("times.txt");
   const std::string two = std::string(kKittiRow) + kKittiRow;
@@ -191,7 +192,7 @@ TEST(TrajectoryIo, SurvivesBytesThatAreNoTrajectory) {
 }
 
 TEST(TrajectoryIo, ReadsBackWhatItWroteAsTum) {
-  const Folder folder;
+  const TempFolder folder;
   std::mt19937 random(1);
   Trajectory walk = testing::random_walk(random, 50);
   walk[3].timestamp = 100.312345678;
@@ -207,7 +208,7 @@ TEST(TrajectoryIo, ReadsBackWhatItWroteAsTum) {
 }
 
 TEST(TrajectoryIo, ReadsBackWhatItWroteAsKitti) {
-  const Folder folder;
+  const TempFolder folder;
   std::mt19937 random(2);
   const Trajectory walk = testing::random_walk(random, 20);
   write_trajectory(folder.file("k.txt"), walk, TrajectoryFormat::kKitti);
@@ -223,14 +224,14 @@ TEST(TrajectoryIo, ReadsBackWhatItWroteAsKitti) {
 }
 
 TEST(TrajectoryIo, WritesTimestampsWithoutAnExponent) {
-  const Folder folder;
+  const TempFolder folder;
   write_times(folder.file("t"), Trajectory{{1e9, {}}, {1403636579763555584e-9, {}}, {1e22, {}}});
   EXPECT_EQ(testing::read(folder.file("t")),
             "1000000000\n1403636579.7635555\n10000000000000000000000\n");
 }
 
 TEST(TrajectoryIo, RefusesToWriteWhatIsNotFinite) {
-  const Folder folder;
+  const TempFolder folder;
   Trajectory t(2);
   t[1].T_world_cam.t.x() = std::numeric_limits<double>::quiet_NaN();
   EXPECT_THROW(write_trajectory(folder.file("t"), t), InvalidArgument);
@@ -242,7 +243,7 @@ TEST(TrajectoryIo, RefusesToWriteWhatIsNotFinite) {
 }
 
 TEST(TrajectoryIo, LeavesTheOldFileWhenWritingFails) {
-  const Folder folder;
+  const TempFolder folder;
   testing::write(folder.file("t"), "old");
   Trajectory bad(1);
   bad[0].T_world_cam.t.x() = std::numeric_limits<double>::quiet_NaN();
@@ -254,7 +255,7 @@ TEST(TrajectoryIo, LeavesTheOldFileWhenWritingFails) {
 }
 
 TEST(TrajectoryIo, WritesThroughSymbolicLinks) {
-  const Folder folder;
+  const TempFolder folder;
   testing::write(folder.file("real"), "old");
   std::filesystem::create_symlink("real", folder.file("link"));
   write_trajectory(folder.file("link"), Trajectory(1));
@@ -263,18 +264,18 @@ TEST(TrajectoryIo, WritesThroughSymbolicLinks) {
 }
 
 TEST(TrajectoryIo, ReportsFilesThatCannotBeReadOrWritten) {
-  const Folder folder;
+  const TempFolder folder;
   const std::string missing = folder.file("no/such.txt");
   EXPECT_EQ(message_of<IoError>([&] {
               read_trajectory(missing);
             }).find(missing + ": there is no such file"),
             0u);
-  EXPECT_THROW(read_trajectory(folder.path()), IoError) << "a folder";
+  EXPECT_THROW(read_trajectory(folder.path().string()), IoError) << "a folder";
   EXPECT_EQ(message_of<IoError>([&] {
               write_trajectory(missing, Trajectory(1));
             }).find(missing + ": cannot be written"),
             0u);
-  EXPECT_THROW(write_trajectory(folder.path(), Trajectory(1)), IoError) << "a folder";
+  EXPECT_THROW(write_trajectory(folder.path().string(), Trajectory(1)), IoError) << "a folder";
   if (std::filesystem::exists("/dev/full")) {
     EXPECT_THROW(write_trajectory("/dev/full", Trajectory(1)), IoError) << "the disk is full";
     EXPECT_TRUE(std::filesystem::is_character_file("/dev/full")) << "the device is still there";

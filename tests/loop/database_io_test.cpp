@@ -14,6 +14,7 @@
 #include "dynslam/loop/database.hpp"
 
 #include "loop_testing.hpp"
+#include "temp_folder.hpp"
 
 namespace dynslam::loop {
 namespace {
@@ -82,7 +83,7 @@ TEST(DatabaseFile, GivesBackWhatWasSaved) {
   for (std::uint64_t i = 0; i < 300; ++i)
     database.add(i * 3, random_bow(i + 1, 100, 5000, Norm::kL1));
   for (std::uint64_t i = 0; i < 30; ++i) database.remove(i * 9);
-  const std::string path = "database_file_test.dynbow";
+  const std::string path = dynslam::testing::temp_path("a.dynbow");
   database.save(path);
   const Database read = Database::load(path);
   EXPECT_EQ(read.words(), 5000u);
@@ -96,7 +97,6 @@ TEST(DatabaseFile, GivesBackWhatWasSaved) {
     EXPECT_EQ(a[i].score, b[i].score);
   }
   EXPECT_EQ(read.serialize(), database.serialize());
-  std::remove(path.c_str());
 }
 
 TEST(DatabaseFile, CanBeAddedToAfterReading) {

@@ -1,6 +1,5 @@
 // Files of other programs with something wrong in each of their fields.
 #include <cstring>
-#include <filesystem>
 #include <string>
 
 #include <gtest/gtest.h>
@@ -27,7 +26,6 @@ std::string error_of_text(const std::string& text, const char* ending = ".txt") 
   write_file(path, Bytes(text.begin(), text.end()));
   const std::string message = error_of<IoError>([&] { load_vocabulary(path); });
   EXPECT_EQ(message.rfind(path, 0), 0U) << message;
-  std::filesystem::remove(path);
   return message;
 }
 
@@ -41,7 +39,6 @@ Vocabulary vocabulary_of_text(const std::string& text, const char* ending = ".tx
   const std::string path = scratch(ending);
   write_file(path, Bytes(text.begin(), text.end()));
   const Vocabulary vocabulary = load_vocabulary(path);
-  std::filesystem::remove(path);
   return vocabulary;
 }
 
@@ -157,7 +154,6 @@ TEST(GzipBombs, StopBeforeTheyAreUnpacked) {
   gzclose(gzip);
   const std::string message = error_of<IoError>([&] { load_vocabulary(path); });
   EXPECT_NE(message.find("which no vocabulary does"), std::string::npos) << message;
-  std::filesystem::remove(path);
 }
 
 /// A file and a place in it that takes another number.
@@ -167,7 +163,6 @@ class BinaryFile {
     save_vocabulary(make_vocabulary(random_tree(2, 2, 4, 3)), path_, format);
     good_ = read_file(path_);
   }
-  ~BinaryFile() { std::filesystem::remove(path_); }
 
   template <typename T>
   void expect(std::size_t at, T value, const std::string& message) {

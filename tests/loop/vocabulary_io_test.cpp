@@ -1,7 +1,6 @@
 #include "dynslam/loop/vocabulary_io.hpp"
 
 #include <cstring>
-#include <filesystem>
 #include <functional>
 #include <limits>
 #include <numeric>
@@ -64,7 +63,6 @@ class EveryFormat : public ::testing::TestWithParam<Format> {
     if (same_nodes) {
       EXPECT_EQ(direct_before, direct_after);
     }
-    std::filesystem::remove(path);
   }
 };
 
@@ -123,7 +121,6 @@ TEST_P(EveryFormat, CutAnywhereIsAnError) {
       EXPECT_THROW(load_bytes(GetParam().format, cut, path), IoError) << size;
     }
   }
-  std::filesystem::remove(path);
 }
 
 TEST_P(EveryFormat, FlippedBitsNeverLeadOutOfTheTree) {
@@ -149,7 +146,6 @@ TEST_P(EveryFormat, FlippedBitsNeverLeadOutOfTheTree) {
   if (GetParam().format == VocabularyFormat::kDynvoc) {
     EXPECT_EQ(refused, (whole.size() * 8 + step - 1) / step);  // checksums see every bit
   }
-  std::filesystem::remove(path);
 }
 
 TEST_P(EveryFormat, WithSomethingBehindItIsAnError) {
@@ -160,7 +156,6 @@ TEST_P(EveryFormat, WithSomethingBehindItIsAnError) {
   for (const char c : {'x', '1', '\n'}) longer.push_back(static_cast<std::uint8_t>(c));
   write_file(path, longer);
   EXPECT_THROW(load_vocabulary(path), IoError);
-  std::filesystem::remove(path);
 }
 
 INSTANTIATE_TEST_SUITE_P(VocabularyIo, EveryFormat, ::testing::ValuesIn(kFormats));
@@ -186,7 +181,6 @@ TEST(VocabularyIo, NamesAFileThatCannotBeRead) {
     write_file(scratch(".x"), Bytes(3000, 0xEE));
     EXPECT_THROW(read(scratch(".x")), IoError);
   }
-  std::filesystem::remove(scratch(".x"));
 }
 
 TEST(VocabularyIo, LeavesNothingBehindWhenItCannotWrite) {
@@ -195,19 +189,16 @@ TEST(VocabularyIo, LeavesNothingBehindWhenItCannotWrite) {
   EXPECT_THROW(save_vocabulary(Vocabulary(), scratch(".dynvoc")), InvalidArgument);
   VocabularyTree gaps = random_tree(3, 1, 8, 6);
   gaps.words = {kNoWord, 7, 3, 1};
-  const std::filesystem::path folder = scratch("_folder");
-  std::filesystem::create_directory(folder);
+  const dynslam::testing::TempFolder folder;
   for (const char* ending : {"v.txt", "v.yml", "v.dbow3"}) {
     EXPECT_NE(error_of<InvalidArgument>([&] {
-                save_vocabulary(make_vocabulary(gaps), (folder / ending).string());
+                save_vocabulary(make_vocabulary(gaps), folder.file(ending));
               }).find("renumber_words"),
               std::string::npos);
   }
   VocabularyTree wide = random_tree(21, 1, 8, 6);
-  EXPECT_THROW(save_vocabulary(make_vocabulary(wide), (folder / "v.txt").string()),
-               InvalidArgument);
-  EXPECT_TRUE(std::filesystem::is_empty(folder));
-  std::filesystem::remove(folder);
+  EXPECT_THROW(save_vocabulary(make_vocabulary(wide), folder.file("v.txt")), InvalidArgument);
+  EXPECT_EQ(folder.entries(), 0U);
 }
 
 TEST(VocabularyIo, MappedFilesMayBeReplacedWhileInUse) {
@@ -222,7 +213,6 @@ TEST(VocabularyIo, MappedFilesMayBeReplacedWhileInUse) {
   save_vocabulary(mapped.with(Weighting::kTf, Scoring::kL2), path);
   EXPECT_EQ(open_vocabulary(path).scoring(), Scoring::kL2);
   EXPECT_EQ(open_vocabulary(path).weighting(), Weighting::kTf);
-  std::filesystem::remove(path);
 }
 
 // --- our own format, field by field, with sums that match ---------------------------------------
@@ -311,7 +301,6 @@ TEST(Dynvoc, NamesEveryFieldThatIsWrong) {
   std::uint32_t first = 0;
   std::memcpy(&first, good.data() + header.ids_offset + 4, sizeof(first));
   expect("id of node 2", with_word(header.ids_offset + 8, first));
-  std::filesystem::remove(path);
 }
 
 }  // namespace

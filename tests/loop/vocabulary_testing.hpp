@@ -23,6 +23,7 @@
 #include "loop/formats.hpp"
 #include "loop/tree_problem.hpp"
 #include "loop/vocabulary_block.hpp"
+#include "temp_folder.hpp"
 
 namespace dynslam::loop::testing {
 
@@ -160,12 +161,12 @@ inline Vocabulary load_bytes(VocabularyFormat format, const std::vector<std::uin
   return Vocabulary(detail::block_of_tree(tree));
 }
 
-/// A name of the running test's own in its scratch folder.
+/// A path of the running test's own for a temporary file.
 inline std::string scratch(const std::string& ending) {
   const auto* test = ::testing::UnitTest::GetInstance()->current_test_info();
   std::string name = std::string(test->test_suite_name()) + "_" + test->name() + ending;
   std::replace(name.begin(), name.end(), '/', '_');
-  return name;
+  return dynslam::testing::temp_path(name);
 }
 
 /// Message of the error of type E that the function throws; fails the test if there is none.

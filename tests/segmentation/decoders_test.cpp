@@ -164,7 +164,7 @@ TEST(FillInput, GivesPlanesOfScaledPixelsAndABorder) {
   EXPECT_THROW(fill_input(cv::Mat(10, 20, CV_32FC3), map, pixels, blob, scratch), InvalidArgument);
 }
 
-class PrototypeMask : public testing::TestWithParam<cv::Size> {};
+class PrototypeMask : public ::testing::TestWithParam<cv::Size> {};
 
 // The definition, with all cells and OpenCV's interpolation: sum, scale the network's input to the
 // image's pixels, threshold, cut.
@@ -215,8 +215,8 @@ TEST_P(PrototypeMask, AgreesWithSummingEverythingAndScaling) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Sizes, PrototypeMask,
-                         testing::Values(cv::Size(160, 120), cv::Size(640, 480), cv::Size(100, 120),
-                                         cv::Size(333, 77), cv::Size(60, 45)),
+                         ::testing::Values(cv::Size(160, 120), cv::Size(640, 480),
+                                           cv::Size(100, 120), cv::Size(333, 77), cv::Size(60, 45)),
                          [](const auto& test) {
                            return std::to_string(test.param.width) + "x" +
                                   std::to_string(test.param.height);

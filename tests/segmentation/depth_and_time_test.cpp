@@ -344,7 +344,7 @@ TEST(RefinementOptions, AreCheckedByName) {
   EXPECT_THROW(RefinedSegmenter(nullptr), InvalidArgument);
 }
 
-class Carried : public testing::TestWithParam<bool> {};
+class Carried : public ::testing::TestWithParam<bool> {};
 
 TEST_P(Carried, MaskFollowsAPersonForThreeFrames) {
   PropagationOptions options;

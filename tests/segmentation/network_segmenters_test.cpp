@@ -13,6 +13,7 @@
 #include "dynslam/segmentation/segmenter_factory.hpp"
 
 #include "segmentation/test_paths.hpp"
+#include "temp_folder.hpp"
 
 // ONNX Runtime keeps a few bytes of its own at exit, which the leak sanitizer would count as ours.
 extern "C" const char* __lsan_default_suppressions() { return "leak:libonnxruntime.so\n"; }
@@ -78,7 +79,7 @@ TEST(Darknet, StretchesTheImageToItsInput) {
 TEST(Darknet, RefusesWhatIsNotANetwork) {
   const std::string weights = test_file("tiny_darknet.weights");
   const auto refused = [&](const std::string& cfg) {
-    const std::string bad = scratch_path("bad.cfg");
+    const std::string bad = dynslam::testing::temp_path("bad.cfg");
     std::ofstream(bad) << cfg;
     return message_of<IoError>([&] { DarknetSegmenter segmenter(bad, weights); });
   };

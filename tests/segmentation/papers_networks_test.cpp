@@ -14,6 +14,7 @@
 #include "segmentation/darknet_cfg.hpp"
 #include "segmentation/onnxruntime_library.hpp"
 #include "segmentation/test_paths.hpp"
+#include "temp_folder.hpp"
 
 namespace dynslam::segmentation {
 namespace {
@@ -47,7 +48,7 @@ TEST(YoloV4Tiny, ReadsBothOfItsHeads) {
 TEST(YoloV4Tiny, RefusesWeightsThatAreCutShort) {
   const std::string cfg = test_file("tiny_yolov4.cfg");
   const std::string whole = bytes_of(test_file("tiny_yolov4.weights"));
-  const std::string cut = scratch_path("short.weights");
+  const std::string cut = dynslam::testing::temp_path("short.weights");
   for (const std::size_t length : {whole.size() - 1, whole.size() / 2, std::size_t{20}}) {
     std::ofstream(cut, std::ios::binary) << whole.substr(0, length);
     const std::string message = message_of<IoError>([&] { DarknetSegmenter segmenter(cfg, cut); });
@@ -124,7 +125,7 @@ TEST(MaskRcnnTensorflow, RefusesOtherGraphsNamesAndBackends) {
             std::string::npos);
   EXPECT_NE(refused("none.pb", "").find("none.pb"), std::string::npos);
   EXPECT_NE(refused(graph, "none.pbtxt").find("none.pbtxt"), std::string::npos);
-  const std::string half = scratch_path("half.pb");
+  const std::string half = dynslam::testing::temp_path("half.pb");
   std::ofstream(half, std::ios::binary) << bytes_of(graph).substr(0, 9000);
   EXPECT_NE(refused(half, "").find("half.pb"), std::string::npos);
   NetworkOptions options = size_32();

@@ -11,6 +11,7 @@
 #include "dynslam/segmentation/segmenter_factory.hpp"
 
 #include "segmentation/test_paths.hpp"
+#include "temp_folder.hpp"
 
 namespace dynslam::segmentation {
 namespace {
@@ -18,11 +19,11 @@ namespace {
 namespace fs = std::filesystem;
 
 // A folder of masks: frame "a" has the values 1 and 200, "b" nothing.
-class Recorded : public testing::Test {
+class Recorded : public ::testing::Test {
  protected:
   Recorded() {
-    const auto* test = testing::UnitTest::GetInstance()->current_test_info();
-    folder_ = scratch_path(test->name());
+    const auto* test = ::testing::UnitTest::GetInstance()->current_test_info();
+    folder_ = dynslam::testing::temp_path(test->name());
     fs::remove_all(folder_);
     fs::create_directories(folder_);
     labels_ = cv::Mat::zeros(40, 60, CV_8UC1);
@@ -99,7 +100,7 @@ TEST_F(Recorded, NamesTheFileThatIsMissing) {
 }
 
 TEST_F(Recorded, NamesTheFileThatIsNotAMask) {
-  testing::internal::CaptureStderr();
+  ::testing::internal::CaptureStderr();
   write("text", "this is no image");
   EXPECT_NE(error("text").find("text.png: is not a PNG"), std::string::npos) << error("text");
   write("empty", "");
@@ -108,7 +109,7 @@ TEST_F(Recorded, NamesTheFileThatIsNotAMask) {
   const std::string whole{std::istreambuf_iterator<char>(file), {}};
   write("cut", whole.substr(0, whole.size() / 2));
   EXPECT_NE(error("cut").find("cut short"), std::string::npos) << error("cut");
-  EXPECT_EQ(testing::internal::GetCapturedStderr(), "");
+  EXPECT_EQ(::testing::internal::GetCapturedStderr(), "");
   save("small", labels_(cv::Rect(0, 0, 30, 30)));
   EXPECT_NE(error("small").find("30x30"), std::string::npos) << error("small");
   cv::Mat colour(40, 60, CV_8UC3, cv::Scalar(1, 2, 3));

@@ -3,7 +3,6 @@
 
 #include <cstdlib>
 #include <filesystem>
-#include <random>
 #include <string>
 
 namespace dynslam::segmentation {
@@ -20,22 +19,6 @@ inline std::string shared_data(const std::string& name) {
       std::filesystem::path(root != nullptr ? root : DYNSLAM_DEFAULT_DATA_DIR) / name;
   std::error_code error;
   return std::filesystem::exists(path, error) ? path.string() : std::string();
-}
-
-/// A path for a file or folder that a test writes, in a temporary folder of this process that goes
-/// when it ends.
-inline std::string scratch_path(const std::string& name) {
-  struct Folder {
-    std::filesystem::path path = std::filesystem::temp_directory_path() /
-                                 ("dynslam_segmentation_" + std::to_string(std::random_device()()));
-    Folder() { std::filesystem::create_directories(path); }
-    ~Folder() {
-      std::error_code ignored;
-      std::filesystem::remove_all(path, ignored);
-    }
-  };
-  static const Folder folder;
-  return (folder.path / name).string();
 }
 
 /// Runs `action`, which should throw an `Error`, and gives its message; empty if it does not.

@@ -11,6 +11,7 @@
 #include "dynslam/segmentation/yolo_seg_segmenter.hpp"
 
 #include "segmentation/test_paths.hpp"
+#include "temp_folder.hpp"
 
 namespace dynslam::segmentation {
 namespace {
@@ -38,7 +39,7 @@ cv::Mat pasted(const Instance& instance, cv::Size size) {
   return whole;
 }
 
-class TinyYolo : public testing::TestWithParam<const char*> {
+class TinyYolo : public ::testing::TestWithParam<const char*> {
  protected:
   YoloSegSegmenter segmenter_{test_file(GetParam())};
 };
@@ -143,7 +144,7 @@ TEST_P(TinyYolo, GivesTheSameAnswerTwice) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Layouts, TinyYolo,
-                         testing::Values("tiny_yolov5_seg.onnx", "tiny_yolov8_seg.onnx"),
+                         ::testing::Values("tiny_yolov5_seg.onnx", "tiny_yolov8_seg.onnx"),
                          [](const auto& test) { return std::string(test.param).substr(5, 6); });
 
 TEST(YoloSegSegmenter, ObeysItsThresholds) {
@@ -217,14 +218,14 @@ TEST(YoloSegSegmenter, PrefersTheNamesItIsGiven) {
 
 TEST(YoloSegSegmenter, RefusesWhatIsNotANetworkInOneSentence) {
   const auto refused = [](const std::string& content, const std::string& expected) {
-    const std::string path = scratch_path("not_a_network.onnx");
+    const std::string path = dynslam::testing::temp_path("not_a_network.onnx");
     std::ofstream(path, std::ios::binary) << content;
     const std::string message = message_of<IoError>([&] { YoloSegSegmenter segmenter(path); });
     EXPECT_NE(message.find(path), std::string::npos) << message;
     EXPECT_NE(message.find(expected), std::string::npos) << message;
     EXPECT_EQ(message.find('\n'), std::string::npos) << message;
   };
-  testing::internal::CaptureStderr();
+  ::testing::internal::CaptureStderr();
   refused("", "is empty");
   refused("<html>404</html>", "not a network");
   refused(std::string(1000, '\xff'), "not a network");
@@ -234,7 +235,7 @@ TEST(YoloSegSegmenter, RefusesWhatIsNotANetworkInOneSentence) {
   for (const std::size_t length : {whole.size() - 1, whole.size() / 2, std::size_t{100}}) {
     refused(whole.substr(0, length), "cut short or damaged");
   }
-  EXPECT_EQ(testing::internal::GetCapturedStderr(), "") << "nobody else speaks about it";
+  EXPECT_EQ(::testing::internal::GetCapturedStderr(), "") << "nobody else speaks about it";
   EXPECT_THROW(YoloSegSegmenter("there_is_no_such_file.onnx"), IoError);
   EXPECT_THROW(YoloSegSegmenter("."), IoError);
 }

@@ -1,11 +1,9 @@
-#include <filesystem>
 #include <memory>
 #include <string>
 #include <vector>
 
 #include <gtest/gtest.h>
 #include <opencv2/core.hpp>
-#include <unistd.h>
 
 #include "dynslam/core/errors.hpp"
 #include "dynslam/dataset/scene.hpp"
@@ -13,6 +11,7 @@
 #include "dynslam/slam/system.hpp"
 
 #include "slam/map_check.hpp"
+#include "temp_folder.hpp"
 
 namespace dynslam::slam {
 namespace {
@@ -44,11 +43,9 @@ struct Recording {
       frames.push_back(scene->read(i));
       system.track({frames[i].timestamp, frames[i].color, frames[i].depth, {}});
     }
-    const auto path = std::filesystem::temp_directory_path() /
-                      ("dynslam_localization_" + std::to_string(::getpid()));
-    system.save_map(path.string());
-    StoredMap stored = load_map(path.string());
-    std::filesystem::remove(path);
+    const std::string path = dynslam::testing::temp_path("localization.map");
+    system.save_map(path);
+    StoredMap stored = load_map(path);
     map = serialize_map(stored.map, stored.camera, stored.scale_factors);
   }
   StoredMap load() const {

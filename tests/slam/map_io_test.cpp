@@ -10,7 +10,6 @@
 
 #include <gtest/gtest.h>
 #include <opencv2/core.hpp>
-#include <unistd.h>
 
 #include "dynslam/core/checksum.hpp"
 #include "dynslam/core/errors.hpp"
@@ -19,6 +18,7 @@
 
 #include "slam/map_check.hpp"
 #include "slam/small_map.hpp"
+#include "temp_folder.hpp"
 
 namespace dynslam::slam {
 namespace {
@@ -324,23 +324,20 @@ TEST(MapFile, AMapOfAnEarlierVersionIsStillRead) {
 }
 
 TEST(MapFile, IsWrittenWholeOrNotAtAll) {
-  const fs::path folder = fs::temp_directory_path() / ("dynslam_map_" + std::to_string(::getpid()));
-  fs::create_directories(folder);
-  const std::string path = (folder / "a.map").string();
+  const dynslam::testing::TempFolder folder;
+  const std::string path = folder.file("a.map");
   save_map(path, small_map(), small_camera(), small_scales());
   EXPECT_EQ(read_file(path), small_bytes());
   EXPECT_EQ(load_map(path).map.keyframe_count(), 3U);
   EXPECT_THROW(save_map(path, small_map(), small_camera(), {}), InvalidArgument);
   EXPECT_EQ(read_file(path), small_bytes()) << "the old map is still there";
-  EXPECT_THROW(save_map((folder / "no/a.map").string(), Map(), small_camera(), small_scales()),
-               IoError);
+  EXPECT_THROW(save_map(folder.file("no/a.map"), Map(), small_camera(), small_scales()), IoError);
   if (fs::exists("/dev/full")) {
     EXPECT_THROW(save_map("/dev/full", small_map(), small_camera(), small_scales()), IoError);
   }
-  EXPECT_THROW(load_map((folder / "no.map").string()), IoError);
-  EXPECT_THROW(load_map(folder.string()), IoError);
-  EXPECT_EQ(std::distance(fs::directory_iterator(folder), fs::directory_iterator()), 1);
-  fs::remove_all(folder);
+  EXPECT_THROW(load_map(folder.file("no.map")), IoError);
+  EXPECT_THROW(load_map(folder.path().string()), IoError);
+  EXPECT_EQ(folder.entries(), 1U);
 }
 
 }  // namespace

@@ -1,4 +1,4 @@
-// A folder of a test's own, and tiny data sets to put into it.
+// Tiny data sets for a test's own folder.
 #pragma once
 
 #include <cstdio>
@@ -10,35 +10,16 @@
 #include <gtest/gtest.h>
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
-#include <stdlib.h>
 
 #include "dynslam/core/errors.hpp"
+
+#include "temp_folder.hpp"
 
 namespace dynslam::dataset::testing {
 
 namespace fs = std::filesystem;
 
-/// Made at construction, removed with everything in it at destruction.
-class TempFolder {
- public:
-  TempFolder() {
-    std::string name = (fs::temp_directory_path() / "dynslam_dataset_XXXXXX").string();
-    if (::mkdtemp(name.data()) == nullptr) throw std::runtime_error("no temporary folder");
-    path_ = name;
-  }
-  ~TempFolder() {
-    std::error_code ignored;
-    fs::remove_all(path_, ignored);
-  }
-  TempFolder(const TempFolder&) = delete;
-  TempFolder& operator=(const TempFolder&) = delete;
-
-  const fs::path& path() const { return path_; }
-  fs::path operator/(const std::string& name) const { return path_ / name; }
-
- private:
-  fs::path path_;
-};
+using dynslam::testing::TempFolder;
 
 inline void write_text(const fs::path& file, const std::string& text) {
   fs::create_directories(file.parent_path());
