@@ -244,7 +244,7 @@ int run_eval(const EvalJob& job) {
 
 CLI::App* add_eval_command(CLI::App& app, std::function<int()>& run) {
   auto flags = std::make_shared<EvalFlags>();
-  CLI::App* eval = app.add_subcommand("eval", "Errors of an estimated trajectory: ATE, RPE, KITTI");
+  CLI::App* eval = app.add_subcommand("eval", "errors of an estimated trajectory: ATE, RPE, KITTI");
   eval->footer(kFooter);
   eval->add_option("METRIC", flags->metric, "ate, rpe or kitti")
       ->required()

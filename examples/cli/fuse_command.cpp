@@ -12,13 +12,13 @@ void add_fuse_command(CLI::App& app, std::function<int()>& run) {
   // Networks that were fused run in every command that takes one.
   attention::register_opencv_layers();
   CLI::App* command = app.add_subcommand(
-      "fuse", "Replace Ghost, DFC and CBAM layers in an ONNX network by fused ones");
+      "fuse", "replace Ghost, DFC and CBAM layers in an ONNX network by fused ones");
   static std::string input, output;
-  command->add_option("input", input, "The network as exported")->required();
-  command->add_option("output", output, "Where the fused network goes")->required();
+  command->add_option("input", input, "the network as exported")->required();
+  command->add_option("output", output, "where the fused network goes")->required();
   command->footer(
-      "Example: dynslam fuse ghost.onnx fused.onnx && dynslam segment "
-      "yolo-seg:fused.onnx --images FOLDER");
+      "Example:\n  dynslam fuse ghost.onnx fused.onnx\n"
+      "  dynslam segment yolo-seg:fused.onnx --tum DIR");
   command->callback([&run] {
     run = [] {
       const attention::OnnxFusion fusion = attention::fuse_onnx_file(input, output);

@@ -81,7 +81,7 @@ void print_text(const LoopsOutcome& outcome, const json& report) {
 CLI::App* add_loops_command(CLI::App& app, std::function<int()>& run) {
   auto options = std::make_shared<LoopsOptions>();
   auto as_json = std::make_shared<bool>(false);
-  CLI::App* command = app.add_subcommand("loops", "Detect loops and score them against truth");
+  CLI::App* command = app.add_subcommand("loops", "detect loops and score them against truth");
   command->footer(
       "Examples: dynslam loops IMAGES --truth IMAGES/samples_GT.bmp --json\n"
       "          dynslam loops --tum DIR --vocabulary ORBvoc.txt\n"

@@ -4,6 +4,7 @@
 #include <iostream>
 
 #include <CLI/CLI.hpp>
+#include <opencv2/core/utils/logger.hpp>
 
 #include "dynslam/core/version.hpp"
 
@@ -27,6 +28,8 @@ int main(int argc, char** argv) {
 #ifdef DYNSLAM_CLI_WITH_ATTENTION
   dynslam::cli::add_fuse_command(app, run);
 #endif
+  // What fails is said once, by us.
+  cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {

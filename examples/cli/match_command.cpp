@@ -292,7 +292,7 @@ class MatchRun {
 
 CLI::App* add_match_command(CLI::App& app, std::function<int()>& run) {
   auto options = std::make_shared<MatchOptions>();
-  CLI::App* command = app.add_subcommand("match", "MatchScore match rejection against true poses");
+  CLI::App* command = app.add_subcommand("match", "score match rejection against true poses");
   command->footer(
       "Example: dynslam match --tum DIR --gap 15 --rule default --rule ModalBin --json");
   CLI::Option* tum = command->add_option("--tum", options->tum, "recording in TUM RGB-D layout");

@@ -11,6 +11,7 @@
 #include "dynslam/evaluation/metrics.hpp"
 
 #include "commands.hpp"
+#include "interruption.hpp"
 #include "mask_source.hpp"
 #include "run_output.hpp"
 #include "run_session.hpp"
@@ -119,6 +120,7 @@ int run(RunCommandFlags flags) {
   flags.input.stereo = flags.run.sensor == slam::to_string(slam::Sensor::kStereo);
   std::unique_ptr<dataset::Sequence> sequence = open_sequence(flags.input);
   prepare_output(flags.out);
+  catch_interruption();
   note_absent_parts(flags.run);
   const dataset::OpenReport report = sequence->report();
   if (report.disordered_frames > 0) {
@@ -128,7 +130,7 @@ int run(RunCommandFlags flags) {
   }
   RunOutcome outcome;
   std::vector<Json> summaries;
-  for (int i = 0; i < flags.runs; ++i) {
+  for (int i = 0; i < flags.runs && !interrupted(); ++i) {
     if (i > 0 && !flags.input.scene.empty()) {
       ++flags.input.seed;
       sequence = open_sequence(flags.input);
@@ -138,10 +140,12 @@ int run(RunCommandFlags flags) {
     summaries.back()["seed"] = flags.input.seed;
   }
   Json summary = summaries.back();
+  summary["interrupted"] = interrupted();
   if (flags.runs > 1) add_runs(summary, summaries);
   write_run(flags.out, outcome);
   std::vector<evaluation::RunRecord> others;
   for (const RunFlags& other : compared_with(flags)) {
+    if (interrupted()) break;
     const RunOutcome compared = run_system(*sequence, other);
     summary["compare"].push_back(summarize(*sequence, other, compared));
     others.push_back(to_record(label_of(summary["compare"].back()), compared));
@@ -153,6 +157,10 @@ int run(RunCommandFlags flags) {
     std::cerr << "dynslam: frame skipped: " << unreadable << '\n';
   }
   tell(outcome.unsegmented);
+  if (interrupted()) {
+    std::cerr << "dynslam: interrupted; " << flags.out.string() << " has what there was\n";
+    return 1;
+  }
   if (flags.json) {
     std::cout << summary.dump(2) << '\n';
   } else {

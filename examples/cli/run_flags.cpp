@@ -15,7 +15,7 @@ void add_tracking_flags(CLI::App& command, RunFlags& flags) {
       ->check(CLI::Range(100, 20000))
       ->capture_default_str();
   command.add_option("--threads", flags.threads, "threads of OpenCV; 0: its own choice")
-      ->check(CLI::NonNegativeNumber)
+      ->check(CLI::Range(0, 1024))
       ->capture_default_str();
   command.add_flag("--realtime", flags.realtime,
                    "feed frames at their own times and drop what comes while busy");

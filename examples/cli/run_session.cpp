@@ -13,6 +13,7 @@
 #include "dynslam/dataset/read_ahead.hpp"
 #include "dynslam/loop/vocabulary_io.hpp"
 
+#include "interruption.hpp"
 #include "live_view.hpp"
 #include "mask_source.hpp"
 #include "memory.hpp"
@@ -186,6 +187,7 @@ RunOutcome run_system(const dataset::Sequence& sequence, const RunFlags& flags) 
     outcome.rows.push_back(process(*read->frame, masks, *outcome.system, view));
     const FrameRow& row = outcome.rows.back();
     progress.update(next + 1, row.state + ", " + std::to_string(row.inliers) + " inliers");
+    if (interrupted()) break;
   }
   outcome.memory_mb.push_back(resident_memory_mb());
   outcome.seconds = std::chrono::duration<double>(Clock::now() - start).count();

@@ -440,7 +440,7 @@ class SegmentRun {
 
 CLI::App* add_segment_command(CLI::App& app, std::function<int()>& run) {
   auto options = std::make_shared<SegmentOptions>();
-  CLI::App* command = app.add_subcommand("segment", "Run a segmenter over images");
+  CLI::App* command = app.add_subcommand("segment", "run a segmenter over images");
   command->footer(
       "Example: dynslam segment yolo-seg:yolov5n-seg.onnx --tum DIR --truth-masks DIR/mask "
       "--truth-value 1 --out OUT");

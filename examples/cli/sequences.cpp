@@ -67,6 +67,20 @@ Range parse_range(const std::string& text) {
   return range;
 }
 
+// A value of the command line that `parse` refuses is bad usage.
+template <typename Parse>
+CLI::Validator readable_by(const Parse& parse) {
+  return {[parse](const std::string& text) -> std::string {
+            try {
+              parse(text);
+              return {};
+            } catch (const InvalidArgument& error) {
+              return error.what();
+            }
+          },
+          ""};
+}
+
 std::unique_ptr<dataset::Sequence> open_scene(const SequenceFlags& flags, const Range& range) {
   dataset::SceneOptions options;
   options.seed = flags.seed;
@@ -76,6 +90,10 @@ std::unique_ptr<dataset::Sequence> open_scene(const SequenceFlags& flags, const 
 }
 
 std::unique_ptr<dataset::Sequence> open_whole(const SequenceFlags& flags, const Range& range) {
+  if (!flags.scene.empty() || !flags.euroc.empty()) {
+    require(flags.camera.empty(), "--camera", "value", flags.camera,
+            "none: scenes and EuRoC folders say what their camera is");
+  }
   if (!flags.scene.empty()) return open_scene(flags, range);
   if (!flags.kitti.empty()) {
     dataset::KittiOptions options;
@@ -109,10 +127,12 @@ void SequenceFlags::add_to(CLI::App& command) {
 }
 
 void SequenceFlags::add_companions_to(CLI::App& command) {
-  command.add_option("--camera", camera, "FX,FY,CX,CY in pixels; default: the folder's own");
+  command.add_option("--camera", camera, "FX,FY,CX,CY in pixels; default: the folder's own")
+      ->check(readable_by(parse_camera));
   command.add_option("--depth-scale", depth_scale, "units of the depth image a metre (TUM: 5000)")
-      ->check(CLI::PositiveNumber);
-  command.add_option("--frames", frames, "FIRST:LAST, from 0, LAST not included; default: all");
+      ->check(CLI::Range(1e-3, 1e9));
+  command.add_option("--frames", frames, "FIRST:LAST, from 0, LAST not included; default: all")
+      ->check(readable_by(parse_range));
   command.add_option("--seed", seed, "seed of a rendered scene")->capture_default_str();
 }
 

@@ -161,7 +161,7 @@ int info(const std::string& path, bool as_json) {
 void add_train(CLI::App& vocab, std::function<int()>& run) {
   auto o = std::make_shared<TrainOptions>();
   o->training.threads = static_cast<int>(std::max(1U, std::thread::hardware_concurrency()));
-  CLI::App* command = vocab.add_subcommand("train", "Train on pictures or descriptors");
+  CLI::App* command = vocab.add_subcommand("train", "train on pictures or descriptors");
   command->footer(
       "Example: dynslam vocab train recordings/ --k 10 --levels 6 --out orb.dynvoc\n"
       "Pictures give ORB descriptors; .npy files hold uint8 matrices, a descriptor a row, and "
@@ -204,7 +204,7 @@ void add_train(CLI::App& vocab, std::function<int()>& run) {
 
 void add_convert(CLI::App& vocab, std::function<int()>& run) {
   auto o = std::make_shared<ConvertOptions>();
-  CLI::App* command = vocab.add_subcommand("convert", "Write a vocabulary in another format");
+  CLI::App* command = vocab.add_subcommand("convert", "write a vocabulary in another format");
   command->footer(
       "Example: dynslam vocab convert ORBvoc.txt ORBvoc.dynvoc\n"
       "The content of IN tells its format, the name of OUT the other one: .dynvoc, .txt (ORBvoc), "
@@ -223,7 +223,7 @@ void add_info(CLI::App& vocab, std::function<int()>& run) {
     bool json = false;
   };
   auto o = std::make_shared<InfoOptions>();
-  CLI::App* command = vocab.add_subcommand("info", "Say what is in a vocabulary");
+  CLI::App* command = vocab.add_subcommand("info", "say what is in a vocabulary");
   command->footer("Example: dynslam vocab info orb.dynvoc --json");
   command->add_option("file", o->path, "vocabulary of any format")->required();
   command->add_flag("--json", o->json, "print one JSON object and nothing else");
@@ -233,7 +233,7 @@ void add_info(CLI::App& vocab, std::function<int()>& run) {
 }  // namespace
 
 CLI::App* add_vocab_command(CLI::App& app, std::function<int()>& run) {
-  CLI::App* command = app.add_subcommand("vocab", "Train, convert and describe vocabularies");
+  CLI::App* command = app.add_subcommand("vocab", "train, convert and describe vocabularies");
   command->require_subcommand(1);
   command->footer("Example: dynslam vocab info orb.dynvoc");
   add_train(*command, run);

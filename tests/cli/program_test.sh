@@ -24,7 +24,7 @@ expect_failure() {
   [[ $status == "$code" ]] || complain "dynslam $* gave $status, not $code: $(cat stderr)"
   grep -qE -- "$pattern" stderr || complain "dynslam $*: no '$pattern' in: $(cat stderr)"
   if [[ $code == 1 ]]; then
-    [[ $(grep -c '^dynslam:' stderr) == 1 ]] || complain "dynslam $*: not one line: $(cat stderr)"
+    [[ $(wc -l <stderr) == 1 && $(grep -c '^dynslam:' stderr) == 1 ]] || complain "dynslam $*: not one line: $(cat stderr)"
     [[ ! -s stdout ]] || complain "dynslam $*: printed although it failed"
   fi
 }
@@ -147,6 +147,19 @@ grep -q '"false_positive_rate"' movers.json || complain "movers reports no rates
   >summary.json 2>stderr || complain "run without what is not there"
 grep -q 'baseline has no geometry' stderr || complain "nothing said of a part that is not there"
 
+mkdir nothing
+expect_failure 1 'nothing/.*mask' movers --tum scene --truth-masks nothing
+
+# Ctrl-C ends a run early and leaves what there is, as if the sequence ended there.
+timeout --preserve-status -s INT 3 "$dynslam" run --tum scene --system baseline --runs 1000 \
+  --out out-stopped >stdout 2>stderr
+status=$?
+[[ $status == 1 ]] || complain "an interrupted run gave $status: $(cat stderr)"
+[[ $(cat stderr) == *interrupted*out-stopped* && $(wc -l <stderr) == 1 && ! -s stdout ]] ||
+  complain "an interrupted run says: $(cat stderr stdout)"
+for file in trajectory.txt map.dynslam frames.csv report.html; do expect_file "out-stopped/$file"; done
+grep -q '"interrupted": true' out-stopped/summary.json || complain "the summary hides a Ctrl-C"
+
 # --- ablate ------------------------------------------------------------------------------------
 ablate=(ablate --tum scene --frames 0:6 --segmenter truth --systems p-yolo,p-mixed --runs 1
   --sequential --out ablation)
@@ -248,10 +261,13 @@ expect_failure 1 'kind|yolo-seg' segment magic:beans --tum scene
 expect_failure 2 'subcommand' notacommand
 expect_failure 1 'nowhere' run --tum nowhere --out x
 expect_failure 1 'empty' run --tum empty --out x
-expect_failure 1 'frames' run --tum scene --frames 5 --out x
-expect_failure 1 'frames' run --tum scene --frames 9:4 --out x
+expect_failure 2 'frames' run --tum scene --frames 5 --out x
+expect_failure 2 'frames' run --tum scene --frames 9:4 --out x
 expect_failure 1 'first' run --tum scene --frames 50:60 --out x
-expect_failure 1 'camera' run --tum scene --camera 1,2 --out x
+expect_failure 2 'camera' run --tum scene --camera 1,2 --out x
+expect_failure 1 'camera' run --scene room_still --camera 1,2,3,4 --out x
+expect_failure 1 'fx' run --tum scene --camera nan,2,3,4 --out x
+expect_failure 2 'depth-scale: Value 0 .{,60}$' run --tum scene --depth-scale 0 --out x
 expect_failure 1 'room_walking' run --scene atlantis --out x
 expect_failure 1 'segmenter|kind|recorded' run --tum scene --segmenter magic:beans --out x
 expect_failure 1 'nomasks' run --tum scene --segmenter recorded:nomasks --out x
@@ -296,7 +312,7 @@ head -c 500 small.dynvoc >cut.dynvoc
 expect_failure 1 'cut.dynvoc' vocab info cut.dynvoc
 expect_failure 1 'compress' vocab convert small.dynvoc x.txt --compress
 
-for subcommand in run ablate bench eval segment match movers loops scene "vocab train" "vocab convert" "vocab info"; do
+for subcommand in run ablate bench fuse eval segment match movers loops scene "vocab train" "vocab convert" "vocab info"; do
   # shellcheck disable=SC2086
   "$dynslam" $subcommand --help >stdout || complain "$subcommand --help"
   grep -q 'Example' stdout || complain "$subcommand --help shows no example"
