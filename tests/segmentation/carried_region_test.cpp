@@ -7,19 +7,18 @@
 #include "dynslam/core/errors.hpp"
 #include "dynslam/core/opencv.hpp"
 
+#include "segmentation/masks.hpp"
 #include "segmentation/test_paths.hpp"
 
 namespace dynslam::segmentation {
 namespace {
 
-const cv::Size kSize(320, 240);
-
 // A wall at 3 m and somebody at 1.6 m.
-struct Scene {
+struct Somebody {
   cv::Mat depth = cv::Mat(kSize, CV_32FC1, cv::Scalar(3.0F));
   Segmentation found;
 
-  Scene() {
+  Somebody() {
     const cv::Rect body(130, 40, 60, 180);
     depth(body).setTo(1.6F);
     found.width = kSize.width;
@@ -36,7 +35,7 @@ struct Scene {
 };
 
 TEST(CarriedRegion, IsTheBoxInTheArms) {
-  Scene scene;
+  Somebody scene;
   const cv::Rect box(190, 100, 30, 40);
   scene.depth(box).setTo(1.4F);
   const cv::Mat region = scene.carried();
@@ -45,32 +44,32 @@ TEST(CarriedRegion, IsTheBoxInTheArms) {
 }
 
 TEST(CarriedRegion, LeavesWhatIsNotHeld) {
-  Scene away;
+  Somebody away;
   away.depth(cv::Rect(200, 100, 30, 40)).setTo(1.4F);  // ten pixels off
   EXPECT_EQ(cv::countNonZero(away.carried()), 0);
-  Scene behind;
+  Somebody behind;
   behind.depth(cv::Rect(190, 100, 30, 40)).setTo(2.2F);
   EXPECT_EQ(cv::countNonZero(behind.carried()), 0);
-  Scene before;
+  Somebody before;
   before.depth(cv::Rect(190, 100, 30, 40)).setTo(0.7F);
   EXPECT_EQ(cv::countNonZero(before.carried()), 0);
 }
 
 TEST(CarriedRegion, LeavesFurniture) {
-  Scene board;  // goes on beyond an arm's length
+  Somebody board;  // goes on beyond an arm's length
   board.depth(cv::Rect(190, 120, 130, 20)).setTo(1.5F);
   CarriedRegionOptions options;
   options.arm_m = 0.5;
   EXPECT_EQ(cv::countNonZero(board.carried(options)), 0);
-  Scene cupboard;  // larger than most of the person
+  Somebody cupboard;  // larger than most of the person
   cupboard.depth(cv::Rect(190, 60, 70, 150)).setTo(1.5F);
   EXPECT_EQ(cv::countNonZero(cupboard.carried()), 0);
-  Scene floor;  // rises towards the camera
+  Somebody floor;  // rises towards the camera
   for (int y = 180; y < 240; ++y) {
     floor.depth(cv::Rect(190, y, 60, 1)).setTo(1.6F - 0.02F * static_cast<float>(y - 220));
   }
   EXPECT_EQ(cv::countNonZero(floor.carried()), 0);
-  Scene pole;  // touches at its end only
+  Somebody pole;  // touches at its end only
   pole.depth(cv::Rect(190, 100, 60, 4)).setTo(1.5F);
   options = {};
   options.min_contact = 0.2;
@@ -78,7 +77,7 @@ TEST(CarriedRegion, LeavesFurniture) {
 }
 
 TEST(CarriedRegion, IsEmptyWithoutDepthOrCarriers) {
-  Scene scene;
+  Somebody scene;
   scene.depth(cv::Rect(190, 100, 30, 40)).setTo(1.4F);
   EXPECT_EQ(cv::countNonZero(carried_region(scene.found, {0}, {})), 0);
   EXPECT_EQ(cv::countNonZero(carried_region(scene.found, {}, as_view<const float>(scene.depth))),
@@ -88,7 +87,7 @@ TEST(CarriedRegion, IsEmptyWithoutDepthOrCarriers) {
 }
 
 TEST(CarriedRegion, ChecksItsArguments) {
-  const Scene scene;
+  const Somebody scene;
   const cv::Mat other(10, 10, CV_32FC1, cv::Scalar(1));
   EXPECT_THROW(carried_region(scene.found, {0}, as_view<const float>(other)), InvalidArgument);
   EXPECT_THROW(carried_region(scene.found, {1}, as_view<const float>(scene.depth)),

@@ -11,19 +11,18 @@
 #include "dynslam/segmentation/mask_propagation.hpp"
 #include "dynslam/segmentation/refined_segmenter.hpp"
 
+#include "segmentation/masks.hpp"
 #include "segmentation/test_paths.hpp"
 
 namespace dynslam::segmentation {
 namespace {
 
-const cv::Size kSize(320, 240);
-
 // A wall at 3 m, a textured "person" at 1.5 m whose left edge is at `x`, and a table edge at 1 m
 // before the person's middle.
-struct Scene {
+struct PersonBeforeWall {
   cv::Mat image, depth, person;
 
-  explicit Scene(int x = 120, bool table = false) {
+  explicit PersonBeforeWall(int x = 120, bool table = false) {
     cv::Mat noise(kSize, CV_8UC1);
     cv::RNG random(5);
     random.fill(noise, cv::RNG::UNIFORM, 0, 255);
@@ -63,18 +62,8 @@ Segmentation of_mask(const cv::Mat& mask, float score = 0.9F) {
   return found;
 }
 
-cv::Mat whole(const Segmentation& found) {
-  cv::Mat mask = cv::Mat::zeros(found.height, found.width, CV_8UC1);
-  for (const Instance& instance : found.instances) mask(instance.box) |= instance.mask;
-  return mask;
-}
-
-double iou(const cv::Mat& a, const cv::Mat& b) {
-  return static_cast<double>(cv::countNonZero(a & b)) / std::max(1, cv::countNonZero(a | b));
-}
-
 TEST(DepthRefiner, GrowsToTheDepthEdgeAndTakesOutTheBackground) {
-  const Scene scene;
+  const PersonBeforeWall scene;
   cv::Mat rough = cv::Mat::zeros(kSize, CV_8UC1);
   cv::rectangle(rough, cv::Rect(108, 52, 60, 146), cv::Scalar(255), cv::FILLED);  // shifted, short
   Segmentation found = of_mask(rough);
@@ -85,7 +74,7 @@ TEST(DepthRefiner, GrowsToTheDepthEdgeAndTakesOutTheBackground) {
 }
 
 TEST(DepthRefiner, FindsLegsBehindATable) {
-  const Scene scene(120, true);
+  const PersonBeforeWall scene(120, true);
   cv::Mat torso = scene.person.clone();
   torso.rowRange(110, kSize.height).setTo(0);
   Segmentation found = of_mask(torso);
@@ -99,7 +88,7 @@ TEST(DepthRefiner, FindsLegsBehindATable) {
 }
 
 TEST(DepthRefiner, DoesNotRunAwayAlongAWall) {
-  Scene scene;
+  PersonBeforeWall scene;
   scene.depth.setTo(2.0F);  // a picture of a person: no depth edge at all
   Segmentation found = of_mask(scene.person);
   DepthRefiner().refine(found, scene.view());
@@ -107,7 +96,7 @@ TEST(DepthRefiner, DoesNotRunAwayAlongAWall) {
 }
 
 TEST(DepthRefiner, DoesNotGrowOverTheFloor) {
-  Scene scene;
+  PersonBeforeWall scene;
   for (int y = 150; y < kSize.height; ++y) {
     for (int x = 0; x < kSize.width; ++x) {
       if (scene.person.at<std::uint8_t>(y, x) == 0) {
@@ -121,7 +110,7 @@ TEST(DepthRefiner, DoesNotGrowOverTheFloor) {
 }
 
 TEST(DepthRefiner, FillsHolesOfTheDepthImageInsideTheMask) {
-  Scene scene;
+  PersonBeforeWall scene;
   scene.depth(cv::Rect(140, 80, 10, 12)).setTo(0.0F);
   cv::Mat holed = scene.person.clone();
   holed(cv::Rect(140, 80, 10, 12)).setTo(0);
@@ -131,7 +120,7 @@ TEST(DepthRefiner, FillsHolesOfTheDepthImageInsideTheMask) {
 }
 
 TEST(DepthRefiner, KeepsTwoThingsThatTheNetworkTookForOne) {
-  Scene scene;
+  PersonBeforeWall scene;
   const cv::Rect second(180, 60, 40, 140);
   scene.depth(second).setTo(2.2F);
   cv::Mat both = scene.person.clone();
@@ -142,7 +131,7 @@ TEST(DepthRefiner, KeepsTwoThingsThatTheNetworkTookForOne) {
 }
 
 TEST(DepthRefiner, LeavesMasksAloneWithoutDepth) {
-  Scene scene;
+  PersonBeforeWall scene;
   for (const float nothing : {0.0F, -1.0F, std::numeric_limits<float>::quiet_NaN(),
                               std::numeric_limits<float>::infinity()}) {
     scene.depth.setTo(nothing);
@@ -192,7 +181,7 @@ TEST(DepthRefiner, SurvivesAnyInstanceOnAnyDepth) {
 }
 
 TEST(DepthRefiner, MakesMasksFromBoxes) {
-  const Scene scene;
+  const PersonBeforeWall scene;
   cv::Mat box = cv::Mat::zeros(kSize, CV_8UC1);
   box(cv::Rect(112, 34, 76, 180)).setTo(255);
   Segmentation found = of_mask(box);
@@ -205,7 +194,7 @@ TEST(DepthRefiner, MakesMasksFromBoxes) {
 }
 
 TEST(DepthRefiner, RefusesDepthOfAnotherSize) {
-  const Scene scene;
+  const PersonBeforeWall scene;
   Segmentation found = of_mask(scene.person);
   found.width = 100;
   EXPECT_THROW(DepthRefiner().refine(found, scene.view()), InvalidArgument);
@@ -244,7 +233,7 @@ class Scripted final : public Segmenter {
   std::vector<std::string> names_{"person"};
 };
 
-FrameInfo frame_of(std::size_t index, const Scene& scene) {
+FrameInfo frame_of(std::size_t index, const PersonBeforeWall& scene) {
   FrameInfo frame;
   frame.index = index;
   frame.timestamp = 0.07 * static_cast<double>(index);
@@ -260,7 +249,7 @@ Segmentation nothing() {
 }
 
 TEST(RefinedSegmenter, BridgesMissedDetectionsWhereThePersonWalks) {
-  std::vector<Scene> scenes;
+  std::vector<PersonBeforeWall> scenes;
   std::vector<Segmentation> answers;
   for (int i = 0; i < 10; ++i) {
     scenes.emplace_back(80 + 8 * i);
@@ -282,7 +271,7 @@ TEST(RefinedSegmenter, BridgesMissedDetectionsWhereThePersonWalks) {
 }
 
 TEST(RefinedSegmenter, TakesAWeakDetectionOnlyWhereAnInstanceIsRemembered) {
-  const Scene scene;
+  const PersonBeforeWall scene;
   cv::Mat elsewhere = cv::Mat::zeros(kSize, CV_8UC1);
   elsewhere(cv::Rect(250, 50, 40, 80)).setTo(255);
   Segmentation weak = of_mask(scene.person, 0.12F);
@@ -301,7 +290,7 @@ TEST(RefinedSegmenter, TakesAWeakDetectionOnlyWhereAnInstanceIsRemembered) {
 }
 
 TEST(RefinedSegmenter, ForgetsWhenTimeJumps) {
-  const Scene scene;
+  const PersonBeforeWall scene;
   const auto run = [&](std::size_t second_index, double second_time) {
     RefinedSegmenter segmenter(std::make_unique<Scripted>(
         std::vector<Segmentation>{nothing(), of_mask(scene.person), nothing(), nothing()}));
@@ -317,7 +306,7 @@ TEST(RefinedSegmenter, ForgetsWhenTimeJumps) {
 }
 
 TEST(RefinedSegmenter, WithoutMemoryAndDepthOnlyAppliesTheThreshold) {
-  const Scene scene;
+  const PersonBeforeWall scene;
   Segmentation two = of_mask(scene.person);
   two.instances.push_back(of_mask(scene.person, 0.1F).instances[0]);
   RefinementOptions options;
@@ -350,7 +339,7 @@ TEST_P(Carried, MaskFollowsAPersonForThreeFrames) {
   PropagationOptions options;
   options.follow_depth = GetParam();
   MaskPropagator propagator(options);
-  std::vector<Scene> scenes;
+  std::vector<PersonBeforeWall> scenes;
   for (int i = 0; i < 4; ++i) {
     scenes.emplace_back(80 + 10 * i);
     propagator.add_frame(scenes.back().image, frame_of(static_cast<std::size_t>(i), scenes.back()));
@@ -378,7 +367,7 @@ INSTANTIATE_TEST_SUITE_P(Depth, Carried, testing::Bool(), [](const auto& test) {
 });
 
 TEST(MaskPropagator, GivesAMaskOfTheNewestFrameAsItIs) {
-  const Scene scene;
+  const PersonBeforeWall scene;
   MaskPropagator propagator;
   propagator.add_frame(scene.image, frame_of(5, scene));
   ASSERT_TRUE(propagator.set_segmentation(5, of_mask(scene.person)));
@@ -390,7 +379,7 @@ TEST(MaskPropagator, GivesAMaskOfTheNewestFrameAsItIs) {
 }
 
 TEST(MaskPropagator, PrefersTheNewerSegmentation) {
-  const Scene scene;
+  const PersonBeforeWall scene;
   PropagationOptions options;
   options.history = 8;
   MaskPropagator propagator(options);
@@ -405,7 +394,7 @@ TEST(MaskPropagator, PrefersTheNewerSegmentation) {
 }
 
 TEST(MaskPropagator, RefusesFramesOutOfOrder) {
-  const Scene scene;
+  const PersonBeforeWall scene;
   MaskPropagator propagator;
   propagator.add_frame(scene.image, frame_of(5, scene));
   EXPECT_THROW(propagator.add_frame(scene.image, frame_of(5, scene)), InvalidArgument);

@@ -8,10 +8,10 @@
 
 #include "dynslam/core/opencv.hpp"
 
+#include "segmentation/masks.hpp"
+
 namespace dynslam::segmentation {
 namespace {
-
-const cv::Size kSize(320, 240);
 
 // Smooth noise that optical flow can follow.
 cv::Mat texture(cv::Size size, int seed) {
@@ -23,7 +23,7 @@ cv::Mat texture(cv::Size size, int seed) {
 }
 
 // A wall at 3 m with things before it, each with a texture of its own.
-struct Scene {
+struct ThingsBeforeWall {
   cv::Mat image = texture(kSize, 1);
   cv::Mat depth = cv::Mat(kSize, CV_32FC1, cv::Scalar(3.0F));
 
@@ -44,18 +44,9 @@ Instance instance_of(const cv::Mat& mask) {
   return instance;
 }
 
-cv::Mat whole(const Segmentation& found) {
-  cv::Mat mask = cv::Mat::zeros(found.height, found.width, CV_8UC1);
-  for (const Instance& instance : found.instances) mask(instance.box) |= instance.mask;
-  return mask;
-}
-
-double iou(const cv::Mat& a, const cv::Mat& b) {
-  return static_cast<double>(cv::countNonZero(a & b)) / std::max(1, cv::countNonZero(a | b));
-}
-
 // The masks of the first scene, carried to the last.
-PropagatedSegmentation carry(const std::vector<Scene>& scenes, const std::vector<cv::Mat>& masks) {
+PropagatedSegmentation carry(const std::vector<ThingsBeforeWall>& scenes,
+                             const std::vector<cv::Mat>& masks) {
   MaskPropagator propagator;
   for (std::size_t i = 0; i < scenes.size(); ++i) {
     FrameInfo frame;
@@ -75,9 +66,9 @@ PropagatedSegmentation carry(const std::vector<Scene>& scenes, const std::vector
 }
 
 TEST(CarriedMask, TakesInWhatABoardUncovered) {
-  std::vector<Scene> scenes(4);
+  std::vector<ThingsBeforeWall> scenes(4);
   for (int i = 0; i < 4; ++i) {
-    Scene& scene = scenes[static_cast<std::size_t>(i)];
+    ThingsBeforeWall& scene = scenes[static_cast<std::size_t>(i)];
     scene.put({130, 20, 60, 200}, 2.0F, 2);
     scene.put({130 + 20 * i, 70, 90, 100}, 1.0F, 3);  // moves off to the right
   }
@@ -87,9 +78,9 @@ TEST(CarriedMask, TakesInWhatABoardUncovered) {
 }
 
 TEST(CarriedMask, DoesNotTakeWhatComesBefore) {
-  std::vector<Scene> scenes(4);
+  std::vector<ThingsBeforeWall> scenes(4);
   for (int i = 0; i < 4; ++i) {
-    Scene& scene = scenes[static_cast<std::size_t>(i)];
+    ThingsBeforeWall& scene = scenes[static_cast<std::size_t>(i)];
     scene.put({130, 20, 60, 200}, 2.0F, 2);
     scene.put({40 + 8 * i, 70, 90, 100}, 1.93F, 3);  // at nearly the same depth
   }
@@ -98,9 +89,9 @@ TEST(CarriedMask, DoesNotTakeWhatComesBefore) {
 }
 
 TEST(CarriedMask, CountsWhatStepsOutFromBehindAnInstance) {
-  std::vector<Scene> scenes(4);
+  std::vector<ThingsBeforeWall> scenes(4);
   for (int i = 0; i < 4; ++i) {
-    Scene& scene = scenes[static_cast<std::size_t>(i)];
+    ThingsBeforeWall& scene = scenes[static_cast<std::size_t>(i)];
     scene.put({110, 60, 50, 180}, 2.2F, 4);           // stands still
     scene.put({100 - 20 * i, 20, 80, 220}, 1.5F, 2);  // walks off
   }
@@ -114,7 +105,7 @@ TEST(CarriedMask, CountsWhatStepsOutFromBehindAnInstance) {
 }
 
 TEST(CarriedMask, DoesNotCountTheWallThatAnInstanceUncovers) {
-  std::vector<Scene> scenes(4);
+  std::vector<ThingsBeforeWall> scenes(4);
   for (int i = 0; i < 4; ++i) {
     scenes[static_cast<std::size_t>(i)].put({120 - 20 * i, 20, 80, 200}, 1.5F, 2);
   }
@@ -124,9 +115,9 @@ TEST(CarriedMask, DoesNotCountTheWallThatAnInstanceUncovers) {
 }
 
 TEST(CarriedMask, MovesEachThingOfAMaskByItself) {
-  std::vector<Scene> scenes(4);
+  std::vector<ThingsBeforeWall> scenes(4);
   for (int i = 0; i < 4; ++i) {
-    Scene& scene = scenes[static_cast<std::size_t>(i)];
+    ThingsBeforeWall& scene = scenes[static_cast<std::size_t>(i)];
     scene.put({30 + 10 * i, 30, 70, 190}, 2.0F, 2);
     scene.put({220 - 10 * i, 30, 60, 190}, 1.5F, 3);
   }
@@ -136,7 +127,7 @@ TEST(CarriedMask, MovesEachThingOfAMaskByItself) {
 }
 
 TEST(CarriedMask, FollowsAThingThatComesNearer) {
-  std::vector<Scene> scenes(4);
+  std::vector<ThingsBeforeWall> scenes(4);
   for (int i = 0; i < 4; ++i) {
     const int grow = 2 * i;
     scenes[static_cast<std::size_t>(i)].put({130 - grow, 30 - grow, 60, 180},

@@ -12,6 +12,7 @@
 #include "dynslam/segmentation/decoders/yolo.hpp"
 #include "dynslam/segmentation/segmenter_factory.hpp"
 
+#include "segmentation/masks.hpp"
 #include "segmentation/test_paths.hpp"
 #include "temp_folder.hpp"
 
@@ -23,8 +24,6 @@ extern "C" const char* __tsan_default_suppressions() { return "deadlock:libgdal.
 
 namespace dynslam::segmentation {
 namespace {
-
-cv::Mat grey(int width, int height) { return cv::Mat(height, width, CV_8UC3, cv::Scalar::all(99)); }
 
 TEST(Yolox, DecodesGridsAndStrides) {
   BoxSegmenter segmenter(test_file("tiny_yolox.onnx"), BoxNetwork::kYolox);

@@ -12,14 +12,13 @@
 #include "dynslam/segmentation/segmenter_factory.hpp"
 
 #include "segmentation/darknet_cfg.hpp"
+#include "segmentation/masks.hpp"
 #include "segmentation/onnxruntime_library.hpp"
 #include "segmentation/test_paths.hpp"
 #include "temp_folder.hpp"
 
 namespace dynslam::segmentation {
 namespace {
-
-cv::Mat grey(int width, int height) { return cv::Mat(height, width, CV_8UC3, cv::Scalar::all(99)); }
 
 std::string bytes_of(const std::string& path) {
   std::ifstream file(path, std::ios::binary);

@@ -10,6 +10,7 @@
 #include "dynslam/core/errors.hpp"
 #include "dynslam/segmentation/yolo_seg_segmenter.hpp"
 
+#include "segmentation/masks.hpp"
 #include "segmentation/test_paths.hpp"
 #include "temp_folder.hpp"
 
@@ -27,10 +28,6 @@ cv::Mat red_disc(cv::Size size, cv::Mat* disc = nullptr) {
     cv::circle(*disc, centre, radius, cv::Scalar(255), cv::FILLED);
   }
   return image;
-}
-
-double iou(const cv::Mat& a, const cv::Mat& b) {
-  return static_cast<double>(cv::countNonZero(a & b)) / cv::countNonZero(a | b);
 }
 
 cv::Mat pasted(const Instance& instance, cv::Size size) {
