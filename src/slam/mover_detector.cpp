@@ -80,6 +80,23 @@ void MoverDetector::detect(const TrackedFrame& frame,
       workspace_, as_view<std::uint8_t>(mask_), as_view<const std::uint8_t>(frame.gray));
 }
 
+// What a mask hides was seen before as well: networks take furniture for people.
+void MoverDetector::add_hidden(const TrackedFrame& frame) {
+  hidden_depth_.create(frame.depth.size(), CV_32FC1);
+  hidden_depth_.setTo(0.0F);
+  frame.hidden_depth.copyTo(hidden_depth_, frame.mask);
+  choose_references(frame.T_cam_world, frame.timestamp);
+  geometry::judge_depth(as_view<const float>(hidden_depth_), camera_, chosen_,
+                        consistency_options_, hidden_);
+  whole_ = evidence_;
+  for (std::size_t i = 0; i < whole_.log_odds.size(); ++i) {
+    whole_.log_odds[i] += hidden_.log_odds[i];
+  }
+  cv::max(frame.depth, hidden_depth_, whole_depth_);
+  geometry::add_mask(as_view<const float>(whole_depth_), as_view<const std::uint8_t>(frame.mask),
+                     kMaskLogOdds, whole_);
+}
+
 const cv::Mat& MoverDetector::complete(const TrackedFrame& frame,
                                        Span<const geometry::FeatureVerdict> verdicts) {
   geometry::RegionGrowOptions options = grow_options_;
@@ -88,15 +105,8 @@ const cv::Mat& MoverDetector::complete(const TrackedFrame& frame,
   options.fill_share = kMostOfIt;
   options.jump = kOneSurface;
   const bool masked = !frame.mask.empty();
-  if (masked) {
-    frame.depth.copyTo(whole_depth_);
-    frame.hidden_depth.copyTo(whole_depth_, frame.mask);
-  }
+  if (masked) add_hidden(frame);
   const auto depth = as_view<const float>(masked ? whole_depth_ : frame.depth);
-  if (masked) {
-    whole_ = evidence_;
-    geometry::add_mask(depth, as_view<const std::uint8_t>(frame.mask), kMaskLogOdds, whole_);
-  }
   completed_.create(frame.depth.size(), CV_8UC1);
   geometry::grow_regions(depth, masked ? whole_ : evidence_,
                          field(frame.features->keypoints, &cv::KeyPoint::pt), verdicts, options,

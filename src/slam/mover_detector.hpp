@@ -71,6 +71,7 @@ class MoverDetector {
   };
   void choose_references(const RigidTransform& T_cam_world, double timestamp);
   void thin_out();
+  void add_hidden(const TrackedFrame& frame);
 
   DepthCamera camera_;
   geometry::DepthCellsOptions cells_options_;
@@ -79,10 +80,10 @@ class MoverDetector {
   geometry::RegionGrowOptions grow_options_;
   std::deque<Reference> references_;  // oldest first
   std::vector<geometry::DepthReference> chosen_;
-  geometry::DepthEvidence evidence_, coarse_, whole_;
+  geometry::DepthEvidence evidence_, coarse_, hidden_, whole_;
   geometry::CellMemory memory_;
   geometry::RegionGrowWorkspace workspace_;
-  cv::Mat mask_, completed_, whole_depth_;
+  cv::Mat mask_, completed_, hidden_depth_, whole_depth_;
   double masked_share_ = 0.0;
 };
 
