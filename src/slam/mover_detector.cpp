@@ -20,10 +20,10 @@ constexpr std::size_t kReferences = 5;       // P-Static
 constexpr std::size_t kMostRemembered = 24;  // frames
 constexpr double kShortestGap = 0.05;        // seconds between remembered frames
 constexpr float kLeastTrust = 0.05F;         // in what does not move as far as is known
-constexpr double kMaskLogOdds = 3.0;         // of masks: nineteen in twenty inner pixels are right
 constexpr double kLikely = 0.2;              // log-odds from which users are told that it moves
 constexpr double kMostOfIt = 0.8;            // share of a region known to move that tells of it all
 constexpr double kOneSurface = 0.015;        // share of depth: a step beyond is a contour to users
+constexpr int kSmallest = 5;                 // cells: movers are seen through gaps, too
 constexpr int kCoarseness = 4;               // strides of the fine grid between coarse samples
 
 }  // namespace
@@ -86,21 +86,22 @@ void MoverDetector::add_hidden(const TrackedFrame& frame) {
   hidden_depth_.setTo(0.0F);
   frame.hidden_depth.copyTo(hidden_depth_, frame.mask);
   choose_references(frame.T_cam_world, frame.timestamp);
-  geometry::judge_depth(as_view<const float>(hidden_depth_), camera_, chosen_,
-                        consistency_options_, hidden_);
+  geometry::judge_depth(as_view<const float>(hidden_depth_), camera_, chosen_, consistency_options_,
+                        hidden_);
   whole_ = evidence_;
   for (std::size_t i = 0; i < whole_.log_odds.size(); ++i) {
     whole_.log_odds[i] += hidden_.log_odds[i];
   }
   cv::max(frame.depth, hidden_depth_, whole_depth_);
   geometry::add_mask(as_view<const float>(whole_depth_), as_view<const std::uint8_t>(frame.mask),
-                     kMaskLogOdds, whole_);
+                     {}, whole_);
 }
 
 const cv::Mat& MoverDetector::complete(const TrackedFrame& frame,
                                        Span<const geometry::FeatureVerdict> verdicts) {
   geometry::RegionGrowOptions options = grow_options_;
   options.completion = geometry::RegionGrowOptions().completion;
+  options.min_cells = kSmallest;
   options.decision = kLikely;
   options.fill_share = kMostOfIt;
   options.jump = kOneSurface;

@@ -47,8 +47,8 @@ class MoverDetector {
 
   /// The mask of the frame that `detect` was last given, with what is likely besides: what
   /// continues a mover behind something else, and what is under the frame's own mask, fitted to the
-  /// depth. For users; tracking loses more by a static feature let go than by a moving one, whose
-  /// weight falls soon.
+  /// depth, unless earlier frames saw the same there. For users; tracking loses more by a static
+  /// feature let go than by a moving one, whose weight falls soon.
   const cv::Mat& complete(const TrackedFrame& frame, Span<const geometry::FeatureVerdict> verdicts);
 
   /// Result of `detect`: CV_8UC1, 0 static, 255 dynamic.
@@ -71,6 +71,7 @@ class MoverDetector {
   };
   void choose_references(const RigidTransform& T_cam_world, double timestamp);
   void thin_out();
+  // Writes depth and evidence of the whole frame, what is under its mask included.
   void add_hidden(const TrackedFrame& frame);
 
   DepthCamera camera_;

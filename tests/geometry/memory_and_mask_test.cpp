@@ -314,7 +314,7 @@ TEST_F(RegionGrow, FitsAMaskToTheDepth) {
   std::vector<std::uint8_t> shifted(truth_.size());
   std::copy(truth_.begin() + 6, truth_.end(), shifted.begin());
   set_cells(evidence_, truth_, 0.0F, -1.0F);
-  add_mask({depth_.data(), 640, 480}, {shifted.data(), 640, 480}, 3.0, evidence_);
+  add_mask({depth_.data(), 640, 480}, {shifted.data(), 640, 480}, {}, evidence_);
   grow();
   EXPECT_GT(share(mask_, truth_, 255), 0.97);
   EXPECT_LT(share(mask_, truth_, 0), 0.01);
@@ -323,7 +323,7 @@ TEST_F(RegionGrow, FitsAMaskToTheDepth) {
 TEST_F(RegionGrow, AMaskHoldsWhereThereIsNoDepth) {
   std::fill(depth_.begin(), depth_.end(), 0.0F);
   evidence_ = cells_of(depth_);
-  add_mask({depth_.data(), 640, 480}, {truth_.data(), 640, 480}, 3.0, evidence_);
+  add_mask({depth_.data(), 640, 480}, {truth_.data(), 640, 480}, {}, evidence_);
   grow();
   EXPECT_GT(share(mask_, truth_, 255), 0.95);
   EXPECT_LT(share(mask_, truth_, 0), 0.05);
@@ -333,19 +333,54 @@ TEST_F(RegionGrow, WhatIsNotUnderTheMaskKeepsItsEvidence) {
   set_cells(evidence_, truth_, 0.0F, -1.0F);
   const std::vector<float> before = evidence_.log_odds;
   const std::vector<std::uint8_t> nothing(truth_.size());
-  add_mask({depth_.data(), 640, 480}, {nothing.data(), 640, 480}, 3.0, evidence_);
+  add_mask({depth_.data(), 640, 480}, {nothing.data(), 640, 480}, {}, evidence_);
   EXPECT_EQ(evidence_.log_odds, before);
+}
+
+TEST_F(RegionGrow, AMaskSpeaksAgainstWhatIsJustOutsideOfIt) {
+  set_cells(evidence_, truth_, 0.0F, 0.0F);
+  std::vector<std::uint8_t> mask(truth_.size());
+  for (int y = 200; y < 280; ++y) {
+    std::fill_n(&mask[static_cast<std::size_t>(y * 640 + 300)], 40, std::uint8_t{255});
+  }
+  MaskEvidenceOptions options;
+  options.under = 2.0;
+  options.beside = 0.5;
+  options.margin = 8;
+  add_mask({depth_.data(), 640, 480}, {mask.data(), 640, 480}, options, evidence_);
+  const auto at = [&](int x, int y) {
+    return evidence_.log_odds[static_cast<std::size_t>(y / 4 * evidence_.width + x / 4)];
+  };
+  EXPECT_FLOAT_EQ(at(300, 240), 2.0F);
+  EXPECT_FLOAT_EQ(at(336, 240), 2.0F);
+  for (const int beside : {292, 296, 340, 344}) EXPECT_FLOAT_EQ(at(beside, 240), -0.5F) << beside;
+  for (const int beside : {192, 196, 280, 284}) EXPECT_FLOAT_EQ(at(320, beside), -0.5F) << beside;
+  for (const int away : {288, 348}) EXPECT_FLOAT_EQ(at(away, 240), 0.0F) << away;
 }
 
 TEST_F(RegionGrow, RefusesMasksThatDoNotFit) {
   const ImageView<const float> depth{depth_.data(), 640, 480};
   const MaskView mask{truth_.data(), 640, 480};
-  EXPECT_THROW(add_mask(depth, {truth_.data(), 320, 480}, 3.0, evidence_), InvalidArgument);
-  EXPECT_THROW(add_mask(depth, mask, 0.0, evidence_), InvalidArgument);
-  EXPECT_THROW(add_mask(depth, mask, std::numeric_limits<double>::infinity(), evidence_),
-               InvalidArgument);
+  EXPECT_THROW(add_mask(depth, {truth_.data(), 320, 480}, {}, evidence_), InvalidArgument);
   evidence_.width = 80;
-  EXPECT_THROW(add_mask(depth, mask, 3.0, evidence_), InvalidArgument);
+  EXPECT_THROW(add_mask(depth, mask, {}, evidence_), InvalidArgument);
+}
+
+TEST(MaskEvidenceOptions, RefusesEachInvalidOption) {
+  constexpr double kInfinity = std::numeric_limits<double>::infinity();
+  const auto expect_refused = [](auto member, auto value) {
+    MaskEvidenceOptions options;
+    options.*member = value;
+    EXPECT_THROW(options.validate(), InvalidArgument) << value;
+  };
+  MaskEvidenceOptions().validate();
+  for (const double bad : {0.0, -1.0, kInfinity, std::nan("")}) {
+    expect_refused(&MaskEvidenceOptions::under, bad);
+  }
+  for (const double bad : {-0.1, kInfinity, std::nan("")}) {
+    expect_refused(&MaskEvidenceOptions::beside, bad);
+  }
+  for (const int bad : {0, 65}) expect_refused(&MaskEvidenceOptions::margin, bad);
 }
 
 TEST_F(RegionGrow, DropsSpeckles) {
@@ -445,44 +480,4 @@ TEST_F(RegionGrow, RefusesEachInvalidOption) {
 }
 
 }  // namespace
-TEST(SurfaceLinks, SmoothRowsInStepAsOneAfterTheOther) {
-  constexpr int kWidth = 9, kRows = 4;
-  std::vector<float> gain(kRows * kWidth), sum(gain.size()), weight(gain.size());
-  for (std::size_t i = 0; i < gain.size(); ++i) {
-    gain[i] = 0.1F * static_cast<float>(i % 8);
-    sum[i] = static_cast<float>(i * i % 11);
-    weight[i] = static_cast<float>(i % 5);
-  }
-  std::vector<float> sum_alone = sum, weight_alone = weight;
-  detail::smooth_rows<kRows>(sum.data(), weight.data(), gain.data(), kWidth);
-  for (std::size_t i = 0; i < gain.size(); i += kWidth) {
-    detail::smooth_rows<1>(&sum_alone[i], &weight_alone[i], &gain[i], kWidth);
-  }
-  EXPECT_EQ(sum, sum_alone);
-  EXPECT_EQ(weight, weight_alone);
-}
-
-TEST(SurfaceLinks, SmoothColumnsAsRowsOfTheTransposed) {
-  constexpr int kWidth = 7, kHeight = 5;
-  std::vector<float> values(kWidth * kHeight), gain(values.size());
-  std::vector<float> values_turned(values.size()), gain_turned(values.size());
-  for (std::size_t y = 0; y < kHeight; ++y) {
-    for (std::size_t x = 0; x < kWidth; ++x) {
-      const std::size_t i = y * kWidth + x, turned = x * kHeight + y;
-      values[i] = values_turned[turned] = static_cast<float>(i * i % 13);
-      gain[i] = gain_turned[turned] = 0.1F * static_cast<float>(i % 9);
-    }
-  }
-  detail::smooth_columns(values, gain, kWidth, kHeight);
-  std::vector<float> unused = values_turned;
-  for (std::size_t x = 0; x < kWidth * kHeight; x += kHeight) {
-    detail::smooth_rows<1>(&values_turned[x], &unused[x], &gain_turned[x], kHeight);
-  }
-  for (std::size_t y = 0; y < kHeight; ++y) {
-    for (std::size_t x = 0; x < kWidth; ++x) {
-      EXPECT_EQ(values[y * kWidth + x], values_turned[x * kHeight + y]);
-    }
-  }
-}
-
 }  // namespace dynslam::geometry

@@ -1,0 +1,99 @@
+#include "slam/mover_detector.hpp"
+
+#include <memory>
+
+#include <gtest/gtest.h>
+#include <opencv2/core.hpp>
+
+#include "slam/frame_images.hpp"
+#include "slam/vga_camera.hpp"
+
+namespace dynslam::slam {
+namespace {
+
+constexpr float kWall = 3.0F;  // metres
+
+// The camera stands still before a wall; frames are 0.5 s apart.
+class MoverDetectorTest : public ::testing::Test {
+ protected:
+  MoverDetectorTest() : detector_(depth_camera()) {}
+
+  static DepthCamera depth_camera() {
+    DepthCamera depth_camera;
+    static_cast<PinholeCamera&>(depth_camera) = camera();
+    return depth_camera;
+  }
+  static cv::Mat wall() { return {480, 640, CV_32FC1, cv::Scalar(kWall)}; }
+
+  // Judges the next frame, with `mask` unless it is empty, and keeps it as a reference.
+  cv::Mat show(const cv::Mat& depth, const cv::Mat& mask = {}) {
+    TrackedFrame frame;
+    frame.reset(std::make_shared<FrameFeatures>(), time_ += 0.5);
+    frame.gray = cv::Mat(depth.size(), CV_8UC1, cv::Scalar(128));
+    frame.mask = mask;
+    if (mask.empty()) {
+      frame.depth = depth;
+    } else {
+      split_depth(depth, mask, frame.depth, frame.hidden_depth);
+    }
+    detector_.detect(frame, {});
+    detector_.remember(frame.depth, frame.T_cam_world, frame.timestamp);
+    return detector_.complete(frame, {});
+  }
+
+  static double share(const cv::Mat& mask, const cv::Rect& of) {
+    return cv::countNonZero(mask(of)) / static_cast<double>(of.area());
+  }
+
+  MoverDetector detector_;
+  double time_ = 0.0;
+};
+
+// A mover under a mask, and beside it something of which nothing is known, `step` of the mover's
+// depth behind it. How much of the latter is said to move?
+class MoverBesideSomething : public MoverDetectorTest {
+ protected:
+  double told_of_neighbour(float step) {
+    const cv::Rect mover(200, 160, 120, 160), neighbour(320, 160, 60, 160);
+    cv::Mat before = wall(), now = wall(), mask = cv::Mat::zeros(480, 640, CV_8UC1);
+    before(mover | neighbour).setTo(0.0F);  // too dark to be measured, say
+    for (int i = 0; i < 6; ++i) show(before);
+    now(mover).setTo(2.0F);
+    now(neighbour).setTo(2.0F * (1.0F + step));
+    mask(mover).setTo(255);
+    const cv::Mat found = show(now, mask);
+    EXPECT_GT(share(found, mover), 0.95);
+    return share(found, neighbour);
+  }
+};
+
+TEST_F(MoverBesideSomething, AStepOfTwoPercentOfDepthMakesTwoSurfaces) {
+  EXPECT_LT(told_of_neighbour(0.02F), 0.05);
+}
+
+TEST_F(MoverBesideSomething, AStepOfOnePercentOfDepthLeavesOneSurface) {
+  EXPECT_GT(told_of_neighbour(0.01F), 0.95);
+}
+
+TEST_F(MoverDetectorTest, AMaskOverWhatWasThereAllTheTimeIsNotBelieved) {
+  const cv::Rect picture(200, 160, 120, 160);  // of a person
+  cv::Mat mask = cv::Mat::zeros(480, 640, CV_8UC1);
+  mask(picture).setTo(255);
+  EXPECT_GT(share(show(wall(), mask), picture), 0.9);
+  for (int i = 0; i < 12; ++i) show(wall());
+  EXPECT_EQ(cv::countNonZero(show(wall(), mask)), 0);
+}
+
+TEST_F(MoverDetectorTest, AMaskOverWhatHasJustArrivedIsBelieved) {
+  const cv::Rect person(200, 160, 120, 160);
+  cv::Mat now = wall(), mask = cv::Mat::zeros(480, 640, CV_8UC1);
+  for (int i = 0; i < 12; ++i) show(wall());
+  now(person).setTo(2.0F);
+  mask(person).setTo(255);
+  const cv::Mat found = show(now, mask);
+  EXPECT_GT(share(found, person), 0.99);
+  EXPECT_LT(cv::countNonZero(found), 1.05 * person.area());
+}
+
+}  // namespace
+}  // namespace dynslam::slam
