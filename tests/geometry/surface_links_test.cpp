@@ -1,9 +1,9 @@
-#include "dynslam/geometry/detail/surface_links.hpp"
-
 #include <cstddef>
 #include <vector>
 
 #include <gtest/gtest.h>
+
+#include "dynslam/geometry/region_grow.hpp"
 
 namespace dynslam::geometry {
 namespace {
