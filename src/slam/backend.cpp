@@ -16,17 +16,16 @@ Backend::Backend(const DepthCamera& camera, const SystemOptions& options,
                  const std::vector<float>& scale_factors, loop::Vocabulary vocabulary,
                  SharedMap& shared)
     : mapper_(camera, options, scale_factors, shared) {
-  // Without depth a map drifts in scale, which a loop correction by rigid motions cannot mend.
-  const bool has_scale = options.sensor != Sensor::kMono;
-  if (options.loops.enabled && has_scale && factors::has_ceres()) {
+  if (options.loops.enabled && factors::has_ceres()) {
     closer_ =
         std::make_unique<LoopCloser>(camera, options, scale_factors, std::move(vocabulary), shared);
   }
-  // A single camera's tracking lives on the points of the last keyframe: it has to wait for them.
-  if (options.threading == Threading::kSequential || options.sensor == Sensor::kMono) return;
+  if (options.threading == Threading::kSequential) return;
   if (closer_ != nullptr) {
     loops_ = std::make_unique<Worker>([this](KeyframeId id) { look_for_loop(id); }, kLoopQueue);
   }
+  // A single camera's tracking lives on the points of the last keyframe: it has to wait for them.
+  if (options.sensor == Sensor::kMono) return;
   mapping_ = std::make_unique<Worker>([this](KeyframeId id) { refine(id); }, kMappingQueue);
 }
 

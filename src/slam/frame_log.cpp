@@ -51,6 +51,15 @@ void FrameLog::repose(const Map& map, double after, KeyframeId keyframe,
   }
 }
 
+void FrameLog::rescale(const std::function<double(KeyframeId)>& factor) {
+  for (Record& record : records_) {
+    if (record.reference == kNoId || record.reference == kWorld) continue;
+    const double scale = factor(record.reference);
+    record.T_cam_reference.t *= scale;
+    if (&record == &records_.back()) scale_ *= scale;
+  }
+}
+
 std::optional<RigidTransform> FrameLog::last_pose(const Map& map) const {
   if (records_.empty()) return std::nullopt;
   const Record& last = records_.back();

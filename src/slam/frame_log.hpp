@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <functional>
 #include <optional>
+#include <utility>
 #include <vector>
 
 #include "dynslam/core/rigid_transform.hpp"
@@ -31,6 +32,12 @@ class FrameLog {
   void repose(const Map& map, double after, KeyframeId keyframe,
               const std::function<RigidTransform(double)>& pose);
 
+  /// Multiplies the distance of each frame from its keyframe by a factor of that keyframe.
+  /// O(frames).
+  void rescale(const std::function<double(KeyframeId)>& factor);
+  /// By how much lengths around the last frame have grown since this was last asked.
+  double take_scale() { return std::exchange(scale_, 1.0); }
+
   std::size_t size() const { return records_.size(); }
   bool empty() const { return records_.empty(); }
   double last_timestamp() const { return records_.back().timestamp; }
@@ -51,6 +58,7 @@ class FrameLog {
   static RigidTransform pose_of(const Map& map, const Record& record);
 
   std::vector<Record> records_;
+  double scale_ = 1.0;  // of the last record's surroundings, by what they were
 };
 
 }  // namespace dynslam::slam

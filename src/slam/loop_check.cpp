@@ -1,11 +1,13 @@
 #include "loop_check.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <limits>
 
 #include "dynslam/core/opencv.hpp"
 #include "dynslam/features/matcher.hpp"
 
+#include "loop_scale.hpp"
 #include "visibility.hpp"
 
 namespace dynslam::slam {
@@ -26,11 +28,12 @@ Value not_a_point() {
 }  // namespace
 
 LoopCheck::LoopCheck(const DepthCamera& camera, const std::vector<float>& scale_factors,
-                     const LoopOptions& options, SharedMap& shared,
+                     const SystemOptions& options, SharedMap& shared,
                      const KeyframeDatabase& database)
     : camera_(camera),
       scale_factors_(scale_factors),
-      options_(options),
+      options_(options.loops),
+      with_scale_(options.sensor == Sensor::kMono),
       shared_(shared),
       database_(database),
       pose_(camera, scale_factors, factors::WeightMode::kFixed) {}
@@ -73,7 +76,7 @@ loop::Verification LoopCheck::find_motion(KeyframeId query, KeyframeId candidate
     candidate_pixels.col(i) << b.x, b.y;
   }
   return loop::verify_similarity({query_points, query_pixels, candidate_points, candidate_pixels},
-                                 camera_, camera_, false);
+                                 camera_, camera_, with_scale_);
 }
 
 loop::Verification LoopCheck::verify(KeyframeId query, KeyframeId candidate, LoopMatch& found) {
@@ -90,13 +93,17 @@ loop::Verification LoopCheck::verify(KeyframeId query, KeyframeId candidate, Loo
   refined_ = result.T_candidate_query.inverse() * candidate_.T_cam_world;
   const bool begun = confirm(refined_, kFirstRadius, found) >= static_cast<int>(kMinPlaceMatches);
   const int inliers = begun ? confirm(refined_, kSecondRadius, found) : 0;
-  found.T_query_match = refined_ * candidate_.T_cam_world.inverse();
+  const RigidTransform T_query_match = refined_ * candidate_.T_cam_world.inverse();
+  const std::optional<double> scale = with_scale_ ? agreed_scale(log_scales_) : 1.0;
   result.inliers = static_cast<std::size_t>(inliers);
-  result.T_candidate_query = found.T_query_match.inverse();
-  if (inliers < options_.min_inliers) {
+  result.T_candidate_query = T_query_match.inverse();
+  if (inliers < options_.min_inliers || !scale) {
     result.verdict = loop::Verdict::kNoGeometry;
   } else if (confirmed_share() < options_.min_confirmed) {
     result.verdict = loop::Verdict::kOtherScene;
+  } else {
+    found.S_query_match = {*scale, T_query_match.R, *scale * T_query_match.t};
+    result.scale = 1.0 / *scale;
   }
   return result;
 }
@@ -159,6 +166,7 @@ int LoopCheck::confirm(const RigidTransform& T_query_world, double radius, LoopM
   }
   found.points.clear();
   found.inliers = 0;
+  log_scales_.clear();
   const factors::PoseResult pose = pose_.solve(pairs, *query_.features, T_query_world);
   if (!pose) return 0;
   refined_ = pose.T_cam_world;
@@ -166,6 +174,8 @@ int LoopCheck::confirm(const RigidTransform& T_query_world, double radius, LoopM
     if (pose_.inliers()[i] == 0) continue;
     found.points.emplace_back(pairs[i].feature, place_.ids[pairs[i].source]);
     ++confirmed_[cell_of(pixels[pairs[i].source])];
+    const double z = query_.points[pairs[i].feature].z();
+    if (z > 0.0) log_scales_.push_back(std::log(z / (refined_ * pairs[i].position).z()));
   }
   found.inliers = pose.inliers;
   return pose.inliers;

@@ -6,8 +6,9 @@
 #include <vector>
 
 #include "dynslam/core/camera.hpp"
+#include "dynslam/factors/similarity.hpp"
 #include "dynslam/loop/verification.hpp"
-#include "dynslam/slam/loop_options.hpp"
+#include "dynslam/slam/options.hpp"
 
 #include "keyframe_database.hpp"
 #include "local_map.hpp"
@@ -20,9 +21,9 @@ namespace dynslam::slam {
 struct LoopMatch {
   KeyframeId query = kNoId;
   KeyframeId match = kNoId;
-  RigidTransform T_query_match;
-  int inliers = 0;  ///< map points of the old place that the query confirms
-  int visible = 0;  ///< of those that it should see
+  factors::Similarity S_query_match;  ///< of scale 1 where depth gives the unit
+  int inliers = 0;                    ///< map points of the old place that the query confirms
+  int visible = 0;                    ///< of those that it should see
   std::vector<std::pair<std::uint32_t, PointId>> points;  ///< query's feature shows old point
 };
 
@@ -30,12 +31,16 @@ struct LoopMatch {
 class LoopCheck {
  public:
   LoopCheck(const DepthCamera& camera, const std::vector<float>& scale_factors,
-            const LoopOptions& options, SharedMap& shared, const KeyframeDatabase& database);
+            const SystemOptions& options, SharedMap& shared, const KeyframeDatabase& database);
 
   /// First the motion between the two by three-point RANSAC over matched words, with depth on both
   /// sides; then all map points around the candidate are looked for in the query under that motion,
   /// and the pose is refined on them. Enough of them must agree in pixels and depth, and all over
   /// the part of the image that should show them; `found` is filled then.
+  ///
+  /// Without depth the motion is a similarity between the map points of both sides. How much the
+  /// query's surroundings have grown is then the median over the points that both sides have of
+  /// what is confirmed, which must agree on it.
   loop::Verification verify(KeyframeId query, KeyframeId candidate, LoopMatch& found);
 
  private:
@@ -54,12 +59,14 @@ class LoopCheck {
   DepthCamera camera_;
   std::vector<float> scale_factors_;
   LoopOptions options_;
+  bool with_scale_;
   SharedMap& shared_;
   const KeyframeDatabase& database_;
   Side query_, candidate_;
   LocalMap place_;  // the old place
   PoseEstimation pose_;
   RigidTransform refined_;
+  std::vector<double> log_scales_;        // of confirmed points: distance at the query over that
   std::vector<int> visible_, confirmed_;  // by cell of the image: points of the place
 };
 

@@ -26,6 +26,13 @@ loop::NeighboursOf neighbours_in(SharedMap& shared) {
   };
 }
 
+// The unit of length may have changed at either end of a loop.
+void rescale(LoopMatch& loop, const MapCorrection& correction) {
+  const double query = correction.scale_of(loop.query), match = correction.scale_of(loop.match);
+  loop.S_query_match.s *= query / match;
+  loop.S_query_match.t *= query;
+}
+
 }  // namespace
 
 LoopCloser::LoopCloser(const DepthCamera& camera, const SystemOptions& options,
@@ -33,11 +40,12 @@ LoopCloser::LoopCloser(const DepthCamera& camera, const SystemOptions& options,
                        SharedMap& shared)
     : camera_(camera),
       options_(options.loops),
+      with_scale_(options.sensor == Sensor::kMono),
       bundle_adjustment_(options.bundle_adjustment && options.loops.bundle_adjustment),
       scale_factors_(scale_factors),
       shared_(shared),
       database_(std::move(vocabulary), options.loops, neighbours_in(shared)),
-      check_(camera, scale_factors, options.loops, shared, database_),
+      check_(camera, scale_factors, options, shared, database_),
       fusion_(camera, scale_factors),
       next_training_(database_.ready() ? 0 : static_cast<std::size_t>(options_.first_vocabulary)) {}
 
@@ -83,6 +91,16 @@ std::vector<KeyframeId> LoopCloser::never_left(const Map& map, KeyframeId query)
     if (!left) ids.push_back(all[c]);
   }
   return ids;
+}
+
+// Keyframes that nobody looked from: the two that begin a map without depth come as a pair.
+void LoopCloser::store_unseen(const Map& map, KeyframeId query) {
+  for (const KeyframeId id : map.keyframe_ids()) {
+    const bool known = std::find(stored_.begin(), stored_.end(), id) != stored_.end();
+    if (known || map.keyframe(id).number >= map.keyframe(query).number) continue;
+    stored_.push_back(id);
+    if (database_.ready()) database_.add(look_of(map, id));
+  }
 }
 
 void LoopCloser::forget_erased() {
@@ -137,6 +155,7 @@ void LoopCloser::process(KeyframeId id, const std::atomic<bool>& stop) {
     if (shared_.map.find_keyframe(id) == nullptr) return;
     look = look_of(shared_.map, id);
     covisible = never_left(shared_.map, id);
+    store_unseen(shared_.map, id);
   }
   stored_.push_back(id);
   if (train_if_due() || !database_.ready() || stop) return;
@@ -167,7 +186,7 @@ void LoopCloser::close(const LoopMatch& match, const std::atomic<bool>& stop) {
 // Spreads the loop's error over the essential graph. Where tracking has found the old points by
 // itself there is none left that the bundle adjustment would not see.
 bool LoopCloser::correct(const LoopMatch& match) {
-  EssentialGraph graph;
+  EssentialGraph graph(with_scale_);
   {
     const BackgroundLock lock(shared_.mutex);
     graph.collect(shared_.map, closed_);
@@ -183,18 +202,21 @@ bool LoopCloser::correct(const LoopMatch& match) {
   closure.match_frame = old->frame_index;
   closure.query_timestamp = query->timestamp;
   closure.match_timestamp = old->timestamp;
-  closure.T_query_match = match.T_query_match;
+  closure.T_query_match = match.S_query_match.rigid();
+  closure.scale = match.S_query_match.s;
   closure.inliers = match.inliers;
   closure.visible = match.visible;
   const auto shared = query->covisible.find(match.match);
   closure.shared = shared == query->covisible.end() ? 0 : shared->second;
   if (closure.shared < kMinShared) {
-    correction.apply(shared_.map);
-    ++shared_.corrections;
+    correction.apply(shared_);
   }
   closures_.push_back(closure);
   closed_.push_back(match);
   closed_.back().points = {};  // which serve the fusion only
+  if (closure.shared < kMinShared) {
+    for (LoopMatch& loop : closed_) rescale(loop, correction);
+  }
   return true;
 }
 
@@ -228,8 +250,7 @@ void LoopCloser::adjust_all(const std::atomic<bool>& stop) {
   }
   if (!bundle.solve(camera_, workspace_, stop)) return;
   const BackgroundLock lock(shared_.mutex);
-  bundle.write_back_and_carry(shared_.map);
-  ++shared_.corrections;
+  bundle.write_back_and_carry(shared_);
 }
 
 }  // namespace dynslam::slam

@@ -41,6 +41,7 @@ class LoopCloser {
  private:
   KeyframeLook look_of(const Map& map, KeyframeId id) const;
   std::vector<KeyframeId> never_left(const Map& map, KeyframeId query) const;
+  void store_unseen(const Map& map, KeyframeId query);
   void forget_erased();
   bool train_if_due();
   void close(const LoopMatch& match, const std::atomic<bool>& stop);
@@ -50,6 +51,7 @@ class LoopCloser {
 
   DepthCamera camera_;
   LoopOptions options_;
+  bool with_scale_;
   bool bundle_adjustment_;
   std::vector<float> scale_factors_;
   SharedMap& shared_;

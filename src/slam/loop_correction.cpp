@@ -5,6 +5,8 @@
 namespace dynslam::slam {
 namespace {
 
+using factors::Similarity;
+
 constexpr int kManyShared = 100;  // points that make an edge beside the spanning tree
 
 // Median distance of a keyframe's points along its axis; 1 m if it has none.
@@ -22,15 +24,19 @@ double depth_of(const Map& map, const Keyframe& keyframe) {
 
 }  // namespace
 
-void EssentialGraph::add_edge(std::uint32_t from, std::uint32_t to, const RigidTransform& T_to_from,
+void EssentialGraph::add_edge(std::uint32_t from, std::uint32_t to, const Similarity& S_to_from,
                               int points) {
-  factors::PoseGraphEdge edge;
+  factors::Sim3GraphEdge edge;
   edge.from = from;
   edge.to = to;
-  edge.T_to_from = T_to_from;
+  edge.S_to_from = S_to_from;
   edge.information.topLeftCorner<3, 3>() /= depth_ * depth_;
   edge.information *= std::max(points, 1);
   edges_.push_back(edge);
+}
+
+Similarity EssentialGraph::present_motion(std::uint32_t from, std::uint32_t to) const {
+  return Similarity(before_[to] * before_[from].inverse());
 }
 
 void EssentialGraph::collect(const Map& map, const std::vector<LoopMatch>& loops) {
@@ -39,7 +45,6 @@ void EssentialGraph::collect(const Map& map, const std::vector<LoopMatch>& loops
     index_.emplace(id, static_cast<std::uint32_t>(index_.size()));
     before_.push_back(map.keyframe(id).T_cam_world);
   }
-  poses_ = before_;
   depth_ = depth_of(map, map.keyframe(keyframes_.back()));
   for (std::uint32_t to = 1; to < keyframes_.size(); ++to) {
     // Neighbours come with the most shared points first: the first older one is the parent.
@@ -50,10 +55,10 @@ void EssentialGraph::collect(const Map& map, const std::vector<LoopMatch>& loops
       if (from > to) continue;
       const int shared = covisible.at(id);
       if (parent && shared < kManyShared) break;
-      add_edge(from, to, before_[to] * before_[from].inverse(), shared);
+      add_edge(from, to, present_motion(from, to), shared);
       parent = true;
     }
-    if (!parent) add_edge(to - 1, to, before_[to] * before_[to - 1].inverse(), 1);
+    if (!parent) add_edge(to - 1, to, present_motion(to - 1, to), 1);
   }
   for (const LoopMatch& loop : loops) add_loop(loop);
 }
@@ -61,18 +66,32 @@ void EssentialGraph::collect(const Map& map, const std::vector<LoopMatch>& loops
 bool EssentialGraph::add_loop(const LoopMatch& loop) {
   const auto from = index_.find(loop.match), to = index_.find(loop.query);
   if (from == index_.end() || to == index_.end()) return false;
-  add_edge(from->second, to->second, loop.T_query_match, loop.inliers);
+  add_edge(from->second, to->second, loop.S_query_match, loop.inliers);
   return true;
 }
 
 bool EssentialGraph::solve() {
-  return factors::usable(factors::optimize_pose_graph(poses_, edges_).status);
+  if (!with_scale_) return solve_rigid();
+  after_ = std::vector<Similarity>(before_.begin(), before_.end());
+  return factors::usable(factors::optimize_pose_graph(after_, edges_).status);
+}
+
+bool EssentialGraph::solve_rigid() {
+  std::vector<factors::PoseGraphEdge> edges;
+  for (const factors::Sim3GraphEdge& edge : edges_) {
+    edges.push_back(
+        {edge.from, edge.to, edge.S_to_from.rigid(), edge.information.topLeftCorner<6, 6>()});
+  }
+  std::vector<RigidTransform> poses = before_;
+  if (!factors::usable(factors::optimize_pose_graph(poses, edges).status)) return false;
+  after_ = std::vector<Similarity>(poses.begin(), poses.end());
+  return true;
 }
 
 MapCorrection EssentialGraph::correction() const {
   MapCorrection correction;
   for (std::size_t i = 0; i < keyframes_.size(); ++i) {
-    correction.add(keyframes_[i], before_[i], poses_[i]);
+    correction.add(keyframes_[i], before_[i], after_[i]);
   }
   return correction;
 }

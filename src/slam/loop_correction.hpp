@@ -18,9 +18,13 @@ namespace dynslam::slam {
 /// Edges join each keyframe to the earlier one that it shares most points with (the spanning tree),
 /// to all that it shares many with, and the two ends of every loop; their measurements are the
 /// present relative poses, and for loops the motion that was verified. An edge of n points at depth
-/// z weighs n for rotation and n / z^2 for translation, as n reprojections do.
+/// z weighs n for rotation and n / z^2 for translation, as n reprojections do; a change of scale
+/// counts as the translation by which it moves those points, n.
 class EssentialGraph {
  public:
+  /// `with_scale`: keyframes may grow and shrink, as those of maps without depth must.
+  explicit EssentialGraph(bool with_scale) : with_scale_(with_scale) {}
+
   /// Copies keyframes and edges. `loops`: those closed before, still in the map or not.
   void collect(const Map& map, const std::vector<LoopMatch>& loops);
   /// Adds the loop to close. False if one of its keyframes is not there.
@@ -31,13 +35,19 @@ class EssentialGraph {
   MapCorrection correction() const;
 
  private:
-  void add_edge(std::uint32_t from, std::uint32_t to, const RigidTransform& T_to_from, int points);
+  void add_edge(std::uint32_t from, std::uint32_t to, const factors::Similarity& S_to_from,
+                int points);
+  /// What lies between the present poses of two keyframes.
+  factors::Similarity present_motion(std::uint32_t from, std::uint32_t to) const;
+  bool solve_rigid();
 
   std::vector<KeyframeId> keyframes_;
   std::unordered_map<KeyframeId, std::uint32_t> index_;
-  std::vector<RigidTransform> before_, poses_;
+  std::vector<RigidTransform> before_;
+  std::vector<factors::Similarity> after_;
   double depth_ = 1.0;  // metres, usual distance of points
-  std::vector<factors::PoseGraphEdge> edges_;
+  std::vector<factors::Sim3GraphEdge> edges_;
+  bool with_scale_;
 };
 
 }  // namespace dynslam::slam

@@ -135,13 +135,13 @@ void MapBundle::write_back(Map& map) const {
   write_points(map);
 }
 
-void MapBundle::write_back_and_carry(Map& map) const {
+void MapBundle::write_back_and_carry(SharedMap& shared) const {
   MapCorrection correction;
   for (std::size_t i = 0; i < free_count_; ++i) {
-    correction.add(keyframes_[i], before_[i], poses_[i]);
+    correction.add(keyframes_[i], before_[i], factors::Similarity(poses_[i]));
   }
-  correction.apply(map);
-  write_points(map);
+  correction.apply(shared);
+  write_points(shared.map);
 }
 
 void MapBundle::write_points(Map& map) const {

@@ -13,6 +13,8 @@
 #include "dynslam/factors/bundle_adjustment.hpp"
 #include "dynslam/slam/map.hpp"
 
+#include "shared_map.hpp"
+
 namespace dynslam::slam {
 
 constexpr int kMinShared = 15;  ///< points that make two keyframes neighbours
@@ -36,7 +38,7 @@ class MapBundle {
   /// left out.
   void write_back(Map& map) const;
   /// The same, and what is not part of the bundle moves with what is.
-  void write_back_and_carry(Map& map) const;
+  void write_back_and_carry(SharedMap& shared) const;
 
   /// Points that took part.
   const std::vector<PointId>& points() const { return points_; }

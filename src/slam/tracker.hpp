@@ -83,6 +83,11 @@ class Tracker {
   }
 
   void set_velocity(const RigidTransform& T_cam_last) { velocity_ = predicted_ = T_cam_last; }
+  /// The unit of length is another one around here: lengths are `scale` times as long.
+  void rescale(double scale) {
+    velocity_.t *= scale;
+    predicted_.t *= scale;
+  }
   RigidTransform expected_pose(const TrackedFrame& last) const {
     return (velocity_ * last.T_cam_world).normalized();
   }

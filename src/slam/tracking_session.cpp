@@ -3,11 +3,15 @@
 #include <algorithm>
 #include <utility>
 
+#include "dynslam/factors/similarity.hpp"
+
 #include "keyframe_similarity.hpp"
 #include "stopwatch.hpp"
 
 namespace dynslam::slam {
 namespace {
+
+using factors::Similarity;
 
 constexpr int kMinFirstPoints = 100;              // features with depth that start a map
 constexpr double kMaxExtrapolation = 0.5;         // seconds over which a velocity is believed
@@ -56,17 +60,22 @@ void TrackingSession::follow_corrections() {
   corrections_ = shared_.corrections;
   tracker_.forget_alignment();
   start_.cancel();
+  const double scale = shared_.log.take_scale();
   const std::optional<RigidTransform> corrected = shared_.log.last_pose(shared_.map);
   if (!corrected) {
     movers_.clear();
     tracks_.clear();
     return;
   }
-  const RigidTransform T_before_after = last_.T_cam_world.inverse() * *corrected;
-  movers_.move_world(T_before_after);
-  tracks_.move_world(T_before_after);
-  current_.T_cam_world = current_.T_cam_world * T_before_after;
+  const Similarity S_cam_after(1.0 / scale, corrected->R, corrected->t / scale);
+  const Similarity S_before_after = Similarity(last_.T_cam_world).inverse() * S_cam_after;
+  current_.T_cam_world = (Similarity(current_.T_cam_world) * S_before_after).rigid();
   last_.T_cam_world = *corrected;
+  if (velocity_) velocity_->head<3>() *= scale;
+  tracker_.rescale(scale);
+  // What was seen in depth needs no scale.
+  movers_.move_world(S_before_after.rigid());
+  tracks_.move_world(S_before_after.rigid());
 }
 
 // Both frames become keyframes; those between them never had a pose.

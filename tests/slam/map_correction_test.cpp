@@ -27,8 +27,8 @@ TEST(MapCorrection, MovesPointsWithTheKeyframeThatSawThemFirst) {
   const Eigen::Vector3d in_camera = pose(world, id) * map.point(point).position;
   MapCorrection correction;
   const RigidTransform after = small_motion(0.1) * pose(world, id);
-  correction.add(id, pose(world, id), after);
-  correction.apply(map);
+  correction.add(id, pose(world, id), factors::Similarity(after));
+  correction.apply(world.shared);
   EXPECT_TRUE(pose(world, id).matrix().isApprox(after.matrix(), 1e-9));
   EXPECT_TRUE((pose(world, id) * map.point(point).position).isApprox(in_camera, 1e-9));
   EXPECT_NEAR(map.point(point).normal.norm(), 1.0, 1e-5);
@@ -39,12 +39,12 @@ TEST(MapCorrection, TakesAlongWhatWasMadeOrRefinedMeanwhile) {
   const KeyframeId a = world.look(0.0, SyntheticMap::true_pose(0.0));
   const RigidTransform before = pose(world, a), after = small_motion(0.1) * before;
   MapCorrection correction;
-  correction.add(a, before, after);
+  correction.add(a, before, factors::Similarity(after));
   // Since the copy was taken, `a` was refined and `b` was made beside it.
   world.shared.map.keyframe(a).T_cam_world = small_motion(0.01) * before;
   const KeyframeId b = world.look(10.0, SyntheticMap::true_pose(10.0));
   const RigidTransform T_b_a = pose(world, b) * pose(world, a).inverse();
-  correction.apply(world.shared.map);
+  correction.apply(world.shared);
   EXPECT_TRUE(pose(world, a).matrix().isApprox((small_motion(0.01) * after).matrix(), 1e-9));
   EXPECT_TRUE((pose(world, b) * pose(world, a).inverse()).matrix().isApprox(T_b_a.matrix(), 1e-9));
 }
@@ -56,7 +56,7 @@ TEST(EssentialGraph, SpreadsTheErrorOfALoopOverTheTurn) {
     ids.push_back(
         world.look(20.0 * k, small_motion(0.005 * k) * SyntheticMap::true_pose(20.0 * k)));
   }
-  EssentialGraph graph;
+  EssentialGraph graph(false);
   graph.collect(world.shared.map, {});
   LoopMatch loop;
   loop.query = ids[18];
@@ -69,7 +69,7 @@ TEST(EssentialGraph, SpreadsTheErrorOfALoopOverTheTurn) {
   for (const KeyframeId id : ids) before.push_back(pose(world, id));
   const double gap = se3_log(before[18] * before[0].inverse()).norm();
   EXPECT_GT(gap, 0.1);
-  graph.correction().apply(world.shared.map);
+  graph.correction().apply(world.shared);
   EXPECT_TRUE(pose(world, ids[0]).matrix().isApprox(first.matrix(), 1e-6));
   EXPECT_LT(se3_log(pose(world, ids[18]) * pose(world, ids[0]).inverse()).norm(), gap / 4.0);
   for (std::size_t k = 1; k < ids.size(); ++k) {

@@ -22,7 +22,7 @@ class StandingCamera {
  public:
   StandingCamera() {
     world.add_wall(500);
-    keyframe_ = world.look(0.0, {});
+    keyframe_ = world.look(0.0, RigidTransform());
     for (int i = 0; i < 30; ++i) track({}, {});
   }
 
