@@ -7,7 +7,8 @@ namespace {
 
 using factors::Similarity;
 
-constexpr int kManyShared = 100;  // points that make an edge beside the spanning tree
+constexpr int kManyShared = 100;         // points that make an edge beside the spanning tree
+constexpr double kLeastParallax = 0.01;  // between keyframes from one place, so that scale is bound
 
 // Median distance of a keyframe's points along its axis; 1 m if it has none.
 double depth_of(const Map& map, const Keyframe& keyframe) {
@@ -25,18 +26,21 @@ double depth_of(const Map& map, const Keyframe& keyframe) {
 }  // namespace
 
 void EssentialGraph::add_edge(std::uint32_t from, std::uint32_t to, const Similarity& S_to_from,
-                              int points) {
+                              int points, double scale_share) {
   factors::Sim3GraphEdge edge;
   edge.from = from;
   edge.to = to;
   edge.S_to_from = S_to_from;
   edge.information.topLeftCorner<3, 3>() /= depth_ * depth_;
+  edge.information(6, 6) = scale_share;
   edge.information *= std::max(points, 1);
   edges_.push_back(edge);
 }
 
-Similarity EssentialGraph::present_motion(std::uint32_t from, std::uint32_t to) const {
-  return Similarity(before_[to] * before_[from].inverse());
+void EssentialGraph::add_present(std::uint32_t from, std::uint32_t to, int points) {
+  const RigidTransform T_to_from = before_[to] * before_[from].inverse();
+  const double parallax = std::max(T_to_from.t.norm() / depth_, kLeastParallax);
+  add_edge(from, to, Similarity(T_to_from), points, parallax * parallax);
 }
 
 void EssentialGraph::collect(const Map& map, const std::vector<LoopMatch>& loops) {
@@ -55,10 +59,10 @@ void EssentialGraph::collect(const Map& map, const std::vector<LoopMatch>& loops
       if (from > to) continue;
       const int shared = covisible.at(id);
       if (parent && shared < kManyShared) break;
-      add_edge(from, to, present_motion(from, to), shared);
+      add_present(from, to, shared);
       parent = true;
     }
-    if (!parent) add_edge(to - 1, to, present_motion(to - 1, to), 1);
+    if (!parent) add_present(to - 1, to, 1);
   }
   for (const LoopMatch& loop : loops) add_loop(loop);
 }
@@ -66,7 +70,7 @@ void EssentialGraph::collect(const Map& map, const std::vector<LoopMatch>& loops
 bool EssentialGraph::add_loop(const LoopMatch& loop) {
   const auto from = index_.find(loop.match), to = index_.find(loop.query);
   if (from == index_.end() || to == index_.end()) return false;
-  add_edge(from->second, to->second, loop.S_query_match, loop.inliers);
+  add_edge(from->second, to->second, loop.S_query_match, loop.inliers, 1.0);
   return true;
 }
 

@@ -18,8 +18,9 @@ namespace dynslam::slam {
 /// Edges join each keyframe to the earlier one that it shares most points with (the spanning tree),
 /// to all that it shares many with, and the two ends of every loop; their measurements are the
 /// present relative poses, and for loops the motion that was verified. An edge of n points at depth
-/// z weighs n for rotation and n / z^2 for translation, as n reprojections do; a change of scale
-/// counts as the translation by which it moves those points, n.
+/// z weighs n for rotation and n / z^2 for translation, as n reprojections do. The scale, where it
+/// is free, shows in their parallax over the baseline b, n b^2 / z^2; a loop compares the distances
+/// of its points, n.
 class EssentialGraph {
  public:
   /// `with_scale`: keyframes may grow and shrink, as those of maps without depth must.
@@ -35,10 +36,11 @@ class EssentialGraph {
   MapCorrection correction() const;
 
  private:
+  /// `scale_share`: what the scale weighs beside the rotation.
   void add_edge(std::uint32_t from, std::uint32_t to, const factors::Similarity& S_to_from,
-                int points);
-  /// What lies between the present poses of two keyframes.
-  factors::Similarity present_motion(std::uint32_t from, std::uint32_t to) const;
+                int points, double scale_share);
+  /// What lies between the present poses of two keyframes that share points.
+  void add_present(std::uint32_t from, std::uint32_t to, int points);
   bool solve_rigid();
 
   std::vector<KeyframeId> keyframes_;

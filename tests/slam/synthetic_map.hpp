@@ -1,6 +1,7 @@
-// A camera that turns on the spot inside a wall of points, and the map that it makes of them.
+// A camera that turns inside a wall of points, and the map that it makes of them.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdint>
@@ -11,6 +12,7 @@
 
 #include "dynslam/core/camera.hpp"
 #include "dynslam/core/opencv.hpp"
+#include "dynslam/factors/similarity.hpp"
 #include "dynslam/slam/map.hpp"
 
 #include "slam/shared_map.hpp"
@@ -44,8 +46,8 @@ class SyntheticMap {
   void add_wall(int count) {
     wall.clear();
     for (int i = 0; i < count; ++i) {
-      const double angle = uniform(0.0, 2.0 * kPi), radius = uniform(2.5, 3.5);
-      add_point({radius * std::sin(angle), uniform(-1.2, 1.2), radius * std::cos(angle)});
+      const double angle = uniform(0.0, 2.0 * kPi), away = uniform(2.5, 3.5);
+      add_point({away * std::sin(angle), uniform(-1.2, 1.2), away * std::cos(angle)});
     }
   }
   void add_point(const Eigen::Vector3d& position) {
@@ -56,20 +58,30 @@ class SyntheticMap {
   /// From here on nothing in view is joined with points of before.
   void forget_points() { known_.clear(); }
 
-  /// Where a camera that looks at `degrees` is.
-  static RigidTransform true_pose(double degrees) {
-    return {so3_exp({0.0, -degrees * kPi / 180.0, 0.0}), Eigen::Vector3d::Zero()};
+  /// Where a camera that looks at `degrees` is, on the spot or so far from the middle.
+  static RigidTransform true_pose(double degrees, double from_middle = 0.0) {
+    return {so3_exp({0.0, -degrees * kPi / 180.0, 0.0}), {0.0, 0.0, -from_middle}};
   }
 
   /// Makes a keyframe of what a camera at `degrees` sees, at the pose that drift has led to.
   KeyframeId look(double degrees, const RigidTransform& T_cam_world) {
+    return look(degrees, factors::Similarity(T_cam_world));
+  }
+  /// The same where the unit of length has drifted as well: `S_cam_world` gives metres.
+  KeyframeId look(double degrees, const factors::Similarity& S_cam_world) {
     std::vector<std::size_t> seen;
-    const FrameFeaturesPtr features = see(true_pose(degrees), seen);
-    return insert(features, seen, T_cam_world);
+    const auto features = see(true_pose(degrees, radius), seen);
+    const std::vector<float> depths = features->depths;
+    if (!has_depth) {
+      std::fill(features->depths.begin(), features->depths.end(), 0.0F);
+      std::fill(features->right_columns.begin(), features->right_columns.end(), std::nanf(""));
+    }
+    return insert(features, depths, seen, S_cam_world);
   }
 
   /// What a camera sees of the wall; `seen` is which of its points, by feature.
-  FrameFeaturesPtr see(const RigidTransform& T_cam_true, std::vector<std::size_t>& seen) {
+  std::shared_ptr<FrameFeatures> see(const RigidTransform& T_cam_true,
+                                     std::vector<std::size_t>& seen) {
     auto features = std::make_shared<FrameFeatures>();
     seen.clear();
     for (std::size_t i = 0; i < wall.size(); ++i) {
@@ -103,6 +115,8 @@ class SyntheticMap {
   SharedMap shared;
   std::vector<WallPoint> wall;
   std::size_t memory = 3;  ///< keyframes after which a point is not found again
+  double radius = 0.0;     ///< metres, of the circle that the camera goes
+  bool has_depth = true;   ///< whether features do; points are where they are either way
 
  private:
   static constexpr double kPi = 3.14159265358979323846;
@@ -111,16 +125,16 @@ class SyntheticMap {
     std::size_t keyframes = 0;  // made when it was last seen
   };
 
-  KeyframeId insert(const FrameFeaturesPtr& features, const std::vector<std::size_t>& seen,
-                    const RigidTransform& T_cam_world) {
+  KeyframeId insert(const FrameFeaturesPtr& features, const std::vector<float>& depths,
+                    const std::vector<std::size_t>& seen, const factors::Similarity& S_cam_world) {
     Map& map = shared.map;
     Keyframe keyframe;
     keyframe.frame_index = 10 * map.keyframes_made();
     keyframe.timestamp = 0.1 * static_cast<double>(keyframe.frame_index);
-    keyframe.T_cam_world = T_cam_world;
+    keyframe.T_cam_world = S_cam_world.rigid();
     keyframe.features = features;
     const KeyframeId id = map.add_keyframe(std::move(keyframe));
-    const RigidTransform T_world_cam = T_cam_world.inverse();
+    const factors::Similarity S_world_cam = S_cam_world.inverse();
     for (std::uint32_t f = 0; f < seen.size(); ++f) {
       Known& known = known_[seen[f]];
       const bool lost = map.keyframes_made() > known.keyframes + memory;
@@ -129,7 +143,7 @@ class SyntheticMap {
       } else {
         const cv::Point2f pixel = features->keypoints[f].pt;
         MapPoint point;
-        point.position = T_world_cam * camera.unproject({pixel.x, pixel.y}, features->depths[f]);
+        point.position = S_world_cam * camera.unproject({pixel.x, pixel.y}, depths[f]);
         known.id = map.add_point(point);
         map.add_observation(known.id, {id, f});
       }
