@@ -1,9 +1,14 @@
 // Loops of maps without depth, which drift in scale.
 #include <algorithm>
 #include <cmath>
+#include <optional>
 #include <vector>
 
 #include <gtest/gtest.h>
+
+#include "dynslam/dataset/scene.hpp"
+#include "dynslam/evaluation/metrics.hpp"
+#include "dynslam/slam/system.hpp"
 
 #include "slam/loop_closer.hpp"
 #include "slam/loop_scale.hpp"
@@ -55,14 +60,16 @@ class MonoLoopTest : public ::testing::TestWithParam<bool> {
     }
   }
 
-  // Greatest over least length of what is equally long in truth: the steps between keyframes.
-  double spread_of_steps(std::size_t end) const {
-    std::vector<double> steps;
-    for (std::size_t k = 1; k < end; ++k) {
-      steps.push_back((centre(k) - centre(k - 1)).norm());
+  // By how much the steps of the last five keyframes are longer than those of the first, where all
+  // are equally long in truth.
+  double drift() const {
+    const std::size_t n = ids.size();
+    double first = 0.0, last = 0.0;
+    for (std::size_t k = 0; k < 5; ++k) {
+      first += (centre(k + 1) - centre(k)).norm();
+      last += (centre(n - 1 - k) - centre(n - 2 - k)).norm();
     }
-    const auto [least, most] = std::minmax_element(steps.begin(), steps.end());
-    return *most / *least;
+    return last / first;
   }
   static double true_step() { return (true_pose(1) * true_pose(0).inverse()).t.norm(); }
   Eigen::Vector3d centre(std::size_t k) const {
@@ -77,26 +84,128 @@ class MonoLoopTest : public ::testing::TestWithParam<bool> {
 };
 
 TEST_P(MonoLoopTest, MendsADriftOfScale) {
-  for (std::size_t k = 0; closer.closures().empty() && k < kTurn + 6; ++k) walk(k, k + 1);
+  walk(0, 12);
+  EXPECT_GT(drift(), 1.05);
+  for (std::size_t k = 12; closer.closures().empty() && k < kTurn + 6; ++k) walk(k, k + 1);
   ASSERT_EQ(closer.closures().size(), 1U);
   const LoopClosure& loop = closer.closures().front();
   const std::size_t query = loop.query_frame / 10, match = loop.match_frame / 10;
-  const double drift = std::pow(kGrowth, static_cast<double>(query - match) / kTurn);
-  std::printf("scale %.4f turns %.2f spread %.4f inl %d vis %d\n", loop.scale,
-              double(query - match) / kTurn, spread_of_steps(ids.size()), loop.inliers,
-              loop.visible);
-  EXPECT_GT(drift, 1.15);
-  EXPECT_NEAR(loop.scale, drift, 0.01);
-  EXPECT_LT(spread_of_steps(ids.size()), 1.01);
-  // Frames follow their keyframes in the new unit.
-  const Trajectory frames = world.shared.log.trajectory(world.shared.map);
+  EXPECT_GE(query, match + kTurn - 2);
+  EXPECT_NEAR(loop.scale, std::pow(kGrowth, static_cast<double>(query - match) / kTurn), 0.01);
+  EXPECT_EQ(loop.shared, 0);
+  const RigidTransform off = loop.T_query_match * true_pose(match) * true_pose(query).inverse();
+  EXPECT_LT(se3_log(off).norm(), 0.02);
+  EXPECT_NEAR(drift(), 1.0, 0.01);
+}
+
+TEST_P(MonoLoopTest, TakesFramesAndPointsAlongInTheNewUnit) {
+  for (std::size_t k = 0; closer.closures().empty() && k < kTurn + 6; ++k) walk(k, k + 1);
+  ASSERT_EQ(closer.closures().size(), 1U);
+  const Map& map = world.shared.map;
+  const Trajectory frames = world.shared.log.trajectory(map);
   for (std::size_t k = 1; k < ids.size(); ++k) {
-    const double step = (centre(k) - centre(k - 1)).norm();
-    EXPECT_NEAR((frames[k].T_world_cam.t - centre(k)).norm() / step, 1.0 / true_step(), 0.1);
+    const double unit_here = (centre(k) - centre(k - 1)).norm() / true_step();
+    EXPECT_NEAR((frames[k].T_world_cam.t - centre(k)).norm(), unit_here, 0.05) << k;
+    const Keyframe& keyframe = map.keyframe(ids[k]);
+    std::size_t points = 0, off = 0;
+    for (std::size_t i = 0; i < keyframe.points.size(); ++i) {
+      if (keyframe.points[i] == kNoId) continue;
+      const MapPoint& point = map.point(keyframe.points[i]);
+      const cv::Point2f at = keyframe.features->keypoints[i].pt;
+      const Eigen::Vector2d pixel = world.camera.project(keyframe.T_cam_world * point.position);
+      ++points;
+      if ((pixel - Eigen::Vector2d(at.x, at.y)).norm() > 3.0) ++off;
+    }
+    EXPECT_GT(points, 100U);
+    EXPECT_LT(off, points / 20) << k;
   }
 }
 
+TEST_P(MonoLoopTest, KnowsTheKeyframesThatNobodyLookedFrom) {
+  walk(0, 1);
+  const KeyframeId unseen = world.look(kStep, true_pose(1));  // as one of the pair of a start
+  ids.push_back(unseen);
+  walk(2, 14);
+  const auto alike = closer.database().similar(*world.shared.map.keyframe(unseen).features, 3);
+  EXPECT_EQ(std::count(alike.begin(), alike.end(), unseen), 1);
+}
+
+TEST_P(MonoLoopTest, FindsNoLoopWhereOtherThingsAre) {
+  walk(0, 14);
+  world.add_wall(1800);
+  world.forget_points();
+  walk(14, 28);
+  EXPECT_TRUE(closer.closures().empty());
+}
+
+TEST_P(MonoLoopTest, RefusesAPictureOfThePlace) {
+  walk(0, 14);
+  // From where the camera passes again everything is in its direction, at another distance.
+  const Eigen::Vector3d middle = true_pose(kTurn).inverse().t;
+  double factor = 0.6;
+  for (WallPoint& point : world.wall) {
+    point.position = middle + factor * (point.position - middle);
+    factor = factor > 2.0 ? 0.6 : 1.4 * factor;
+  }
+  world.forget_points();
+  walk(14, kTurn + 3);
+  EXPECT_TRUE(closer.closures().empty());
+}
+
 INSTANTIATE_TEST_SUITE_P(WithAndWithout, MonoLoopTest, ::testing::Bool());
+
+TEST(AgreedScale, IsTheFactorOfTheMost) {
+  std::vector<double> ratios(30, std::log(0.8));
+  for (std::size_t i = 0; i < ratios.size(); ++i) {
+    ratios[i] += 0.01 * (static_cast<double>(i % 5) - 2.0);
+  }
+  ratios.insert(ratios.end(), 10, 1.0);  // wrong ones
+  const std::optional<double> scale = agreed_scale(ratios);
+  ASSERT_TRUE(scale.has_value());
+  EXPECT_NEAR(*scale, 0.8, 0.01);
+}
+
+TEST(AgreedScale, IsNotKnownFromFewPointsOrFromPointsThatScatter) {
+  EXPECT_FALSE(agreed_scale({}).has_value());
+  EXPECT_FALSE(agreed_scale(std::vector<double>(19, 0.0)).has_value());
+  EXPECT_TRUE(agreed_scale(std::vector<double>(20, 0.0)).has_value());
+  std::vector<double> scattered;
+  for (int i = 0; i < 60; ++i) scattered.push_back(0.02 * (i - 30));
+  EXPECT_FALSE(agreed_scale(scattered).has_value());
+}
+
+// A narrow view that wanders leaves places and comes back to them.
+TEST(MonoSystem, ClosesALoopInARenderedRoom) {
+  dataset::SceneOptions scene_options;
+  scene_options.camera = dataset::scene_camera(320, 240);
+  scene_options.camera.fx = scene_options.camera.fy = 500.0;
+  scene_options.movers = false;
+  scene_options.camera_speed = 4.0;
+  scene_options.exposure_time = 0.004;
+  const dataset::RenderedScene scene(scene_options);
+  SystemOptions options;
+  options.sensor = Sensor::kMono;
+  options.tracking.orb.max_features = 700;
+  System system(scene.camera(), options);
+  Trajectory truth;
+  std::size_t told = 0;
+  for (std::size_t i = 0; i < 190; ++i) {
+    const dataset::Frame frame = scene.render(i);
+    truth.push_back({frame.timestamp, *frame.T_world_cam});
+    told = system.track({frame.timestamp, frame.color, {}, {}}).loops;
+  }
+  const std::vector<LoopClosure> loops = system.loops();
+  EXPECT_EQ(told, loops.size());
+  ASSERT_GE(loops.size(), 1U);
+  for (const LoopClosure& loop : loops) {
+    const Eigen::Matrix3d R_query_match =
+        truth[loop.query_frame].T_world_cam.R.transpose() * truth[loop.match_frame].T_world_cam.R;
+    EXPECT_LT(so3_log(R_query_match * loop.T_query_match.R.transpose()).norm(), 0.03);
+  }
+  evaluation::AteOptions alignment;
+  alignment.alignment = evaluation::Alignment::kSim3;
+  EXPECT_LT(evaluation::ate(truth, system.trajectory(), alignment).error.rmse, 0.03);
+}
 
 }  // namespace
 }  // namespace dynslam::slam
