@@ -208,13 +208,11 @@ bool LoopCloser::correct(const LoopMatch& match) {
   closure.visible = match.visible;
   const auto shared = query->covisible.find(match.match);
   closure.shared = shared == query->covisible.end() ? 0 : shared->second;
-  if (closure.shared < kMinShared) {
-    correction.apply(shared_);
-  }
   closures_.push_back(closure);
   closed_.push_back(match);
   closed_.back().points = {};  // which serve the fusion only
   if (closure.shared < kMinShared) {
+    correction.apply(shared_);
     for (LoopMatch& loop : closed_) rescale(loop, correction);
   }
   return true;

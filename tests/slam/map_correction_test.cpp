@@ -49,6 +49,34 @@ TEST(MapCorrection, TakesAlongWhatWasMadeOrRefinedMeanwhile) {
   EXPECT_TRUE((pose(world, b) * pose(world, a).inverse()).matrix().isApprox(T_b_a.matrix(), 1e-9));
 }
 
+TEST(MapCorrection, LeavesWhatIsSeenAtItsPixelsWhenTheUnitChanges) {
+  SyntheticMap world;
+  Map& map = world.shared.map;
+  FrameLog& log = world.shared.log;
+  const KeyframeId id = world.look(0.0, SyntheticMap::true_pose(0.0));
+  log.reference = id;
+  log.add(map, 0.0, small_motion(0.1) * pose(world, id));
+  const MapPoint before = map.point(map.keyframe(id).points[5]);
+  const Eigen::Vector3d in_camera = pose(world, id) * before.position;
+  const RigidTransform after = small_motion(0.1) * pose(world, id);
+  MapCorrection correction;
+  // Lengths double: in the camera's old unit the new world is half as large.
+  correction.add(id, pose(world, id), factors::Similarity(0.5, after.R, 0.5 * after.t));
+  EXPECT_NEAR(correction.scale_of(id), 2.0, 1e-12);
+  EXPECT_EQ(correction.scale_of(kNoId), 1.0);
+  correction.apply(world.shared);
+  EXPECT_EQ(world.shared.corrections, 1U);
+  EXPECT_TRUE(pose(world, id).matrix().isApprox(after.matrix(), 1e-9));
+  const MapPoint& point = map.point(map.keyframe(id).points[5]);
+  EXPECT_TRUE((pose(world, id) * point.position).isApprox(2.0 * in_camera, 1e-9));
+  EXPECT_FLOAT_EQ(point.min_distance, 2.0F * before.min_distance);
+  EXPECT_FLOAT_EQ(point.max_distance, 2.0F * before.max_distance);
+  const RigidTransform T_frame_keyframe = *log.last_pose(map) * pose(world, id).inverse();
+  EXPECT_TRUE(T_frame_keyframe.t.isApprox(2.0 * small_motion(0.1).t, 1e-9));
+  EXPECT_NEAR(log.take_scale(), 2.0, 1e-12);
+  EXPECT_EQ(log.take_scale(), 1.0);
+}
+
 TEST(EssentialGraph, SpreadsTheErrorOfALoopOverTheTurn) {
   SyntheticMap world;
   std::vector<KeyframeId> ids;

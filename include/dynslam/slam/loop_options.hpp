@@ -15,8 +15,8 @@ struct LoopOptions {
   /// Keyframes in a row that must point to the same place, and that must have missed it before, >=
   /// 1. Source: 3, Mur-Artal et al. 2015.
   int consistency = 3;
-  /// Map points of the old place that a keyframe must confirm in pixels and depth, >= 6. Source:
-  /// the field's habit of 40.
+  /// Map points of the old place that a keyframe must confirm in pixels and, where there is any,
+  /// depth, >= 6. Source: the field's habit of 40.
   int min_inliers = 40;
   /// Share of the image, where it should show map points of the old place, that must confirm them,
   /// [0, 1]: an object carried elsewhere brings its own points, not those around it. Cells of an

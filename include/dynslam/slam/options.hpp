@@ -91,8 +91,8 @@ struct MappingOptions {
 /// Who does what no frame has to wait for: local mapping and loop closing.
 enum class Threading {
   kSequential,  ///< `System::track` itself, before it returns: repeatable bit for bit
-  kBackground,  ///< two threads that the system starts and ends with itself; as kSequential for
-                ///< kMono, whose tracking lives on the points of the last keyframe
+  kBackground,  ///< two threads that the system starts and ends with itself; for kMono one, for
+                ///< loops: its tracking lives on the points of the last keyframe
 };
 
 /// Settings of System.
