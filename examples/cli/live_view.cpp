@@ -84,8 +84,8 @@ void draw_way(cv::Mat& image, const std::vector<cv::Point2d>& way) {
 std::string status(const std::string& system, const FrameRow& row) {
   char text[160];
   const int length =
-      std::snprintf(text, sizeof text, "%s  frame %zu  %s  %d inliers  %.1f ms", system.c_str(),
-                    row.index, row.state.c_str(), row.inliers, row.total_ms);
+      std::snprintf(text, sizeof text, "%s  frame %u  %s  %d inliers  %.1f ms", system.c_str(),
+                    row.index, to_string(row.state), row.inliers, row.ms.total);
   std::string line(text, static_cast<std::size_t>(std::min<int>(length, sizeof text - 1)));
   if (row.mask_age == 0) line += "  mask fresh";
   if (row.mask_age > 0) line += "  mask " + std::to_string(row.mask_age) + " frames old";

@@ -96,7 +96,7 @@ const cv::Mat& MaskSource::update(const dataset::Frame& frame, FrameRow& row) {
   } else if (worker_ || truth_) {
     update_now(frame, row);
   }
-  row.segment_ms = std::chrono::duration<double, std::milli>(Clock::now() - start).count();
+  row.ms.segment = std::chrono::duration<float, std::milli>(Clock::now() - start).count();
   return mask_;
 }
 

@@ -34,17 +34,17 @@ Json to_json(const evaluation::Statistics& s) {
 
 struct Stage {
   const char* name;
-  double (*of)(const FrameRow&);
+  float (*of)(const FrameRow&);
 };
 
 constexpr Stage kStages[] = {
     {"extract", [](const FrameRow& row) { return row.ms.extract; }},
     {"match", [](const FrameRow& row) { return row.ms.match; }},
-    {"segment", [](const FrameRow& row) { return row.segment_ms; }},
+    {"segment", [](const FrameRow& row) { return row.ms.segment; }},
     {"geometry", [](const FrameRow& row) { return row.ms.geometry; }},
     {"optimize", [](const FrameRow& row) { return row.ms.optimize; }},
-    {"map", [](const FrameRow& row) { return row.ms.map + row.background.map; }},
-    {"loop", [](const FrameRow& row) { return row.background.loop; }},
+    {"map", [](const FrameRow& row) { return row.ms.map; }},
+    {"loop", [](const FrameRow& row) { return row.ms.loop; }},
 };
 
 Json to_json(const slam::LoopClosure& loop) {
@@ -58,28 +58,29 @@ Json to_json(const slam::LoopClosure& loop) {
           {"moved", number(loop.moved)}};
 }
 
-bool processed(const FrameRow& row) { return row.state != "dropped" && row.state != "unreadable"; }
-
-std::vector<double> column(const RunOutcome& outcome, double (*of)(const FrameRow&)) {
+std::vector<double> column(const RunOutcome& outcome, float (*of)(const FrameRow&)) {
   std::vector<double> values;
   for (const FrameRow& row : outcome.rows) {
-    if (processed(row)) values.push_back(of(row));
+    if (row.processed()) values.push_back(of(row));
   }
   return values;
 }
 
+// Rows keep times as floats; microseconds are what they are good for.
+Json milliseconds(double ms) { return number(std::round(ms * 1000.0) / 1000.0); }
+
 Json times(const RunOutcome& outcome) {
   const std::vector<double> whole =
-      column(outcome, [](const FrameRow& row) { return row.total_ms; });
+      column(outcome, [](const FrameRow& row) { return row.ms.total; });
   const evaluation::Statistics frame = evaluation::statistics(whole);
   Json json = {{"frame",
-                {{"mean", number(frame.mean)},
-                 {"median", number(frame.median)},
-                 {"p95", number(evaluation::quantile(whole, 0.95))}}}};
+                {{"mean", milliseconds(frame.mean)},
+                 {"median", milliseconds(frame.median)},
+                 {"p95", milliseconds(evaluation::quantile(whole, 0.95))}}}};
   for (const Stage& stage : kStages) {
     const std::vector<double> values = column(outcome, stage.of);
-    json[stage.name] = {{"median", number(evaluation::quantile(values, 0.5))},
-                        {"p95", number(evaluation::quantile(values, 0.95))}};
+    json[stage.name] = {{"median", milliseconds(evaluation::quantile(values, 0.5))},
+                        {"p95", milliseconds(evaluation::quantile(values, 0.95))}};
   }
   return json;
 }
@@ -104,12 +105,12 @@ void write_frames(const fs::path& path, const RunOutcome& outcome) {
   for (const Stage& stage : kStages) out << ',' << stage.name << "_ms";
   out << ",total_ms\n";
   for (const FrameRow& row : outcome.rows) {
-    out << row.index << ',' << printed("%.6f", row.timestamp) << ',' << row.state << ','
+    out << row.index << ',' << printed("%.6f", row.timestamp) << ',' << to_string(row.state) << ','
         << row.features << ',' << row.inliers << ',' << printed("%.4f", row.masked_share) << ','
         << row.mask_age << ',' << row.moving_features << ',' << printed("%.4f", row.moving_share)
         << ',' << row.rejected_features << ',' << (row.keyframe ? 1 : 0) << ',' << row.loops;
     for (const Stage& stage : kStages) out << ',' << printed("%.3f", stage.of(row));
-    out << ',' << printed("%.3f", row.total_ms);
+    out << ',' << printed("%.3f", row.ms.total);
     out << '\n';
   }
   write_text(path, out.str());
@@ -130,11 +131,17 @@ void write_ply(const fs::path& path, const slam::Map& map) {
   write_text(path, out.str());
 }
 
-evaluation::FrameState to_state(const std::string& name) {
-  if (name == "tracked") return evaluation::FrameState::kTracked;
-  if (name == "relocalized") return evaluation::FrameState::kRelocalized;
-  if (name == "not_initialized") return evaluation::FrameState::kNotStarted;
-  return evaluation::FrameState::kLost;
+evaluation::FrameState to_state(RowState state) {
+  switch (state) {
+    case RowState::kTracked:
+      return evaluation::FrameState::kTracked;
+    case RowState::kRelocalized:
+      return evaluation::FrameState::kRelocalized;
+    case RowState::kNotInitialized:
+      return evaluation::FrameState::kNotStarted;
+    default:
+      return evaluation::FrameState::kLost;
+  }
 }
 
 }  // namespace
@@ -175,14 +182,14 @@ Json summarize(const dataset::Sequence& sequence, const RunFlags& flags,
                {"segmenter", flags.segmenter},
                {"frames", sequence.size()},
                {"tracked", outcome.tracked()},
-               {"lost", outcome.count("lost") + outcome.count("not_initialized")},
-               {"unreadable", outcome.count("unreadable")},
-               {"dropped", outcome.count("dropped")},
+               {"lost", outcome.count(RowState::kLost) + outcome.count(RowState::kNotInitialized)},
+               {"unreadable", outcome.count(RowState::kUnreadable)},
+               {"dropped", outcome.count(RowState::kDropped)},
                {"unsegmented", outcome.unsegmented.count},
                {"keyframes", map.keyframe_count()},
                {"map_points", map.point_count()},
                {"loops", outcome.system->loops().size()},
-               {"relocalizations", outcome.count("relocalized")}};
+               {"relocalizations", outcome.count(RowState::kRelocalized)}};
   if (!flags.load.empty()) {
     const std::size_t frames = outcome.localized_after();
     json["map_loaded"] = flags.load;
@@ -226,9 +233,9 @@ evaluation::RunRecord to_record(const std::string& name, const RunOutcome& outco
   for (const FrameRow& row : outcome.rows) {
     record.frame_times.push_back(row.timestamp);
     record.states.push_back(to_state(row.state));
-    record.frame_ms.push_back(processed(row) ? row.total_ms : std::nan(""));
+    record.frame_ms.push_back(row.processed() ? row.ms.total : std::nan(""));
     for (std::size_t i = 0; i < std::size(kStages); ++i) {
-      record.stages[i].ms.push_back(processed(row) ? kStages[i].of(row) : std::nan(""));
+      record.stages[i].ms.push_back(row.processed() ? kStages[i].of(row) : std::nan(""));
     }
     record.series[0].values.push_back(row.inliers);
     record.series[1].values.push_back(row.features);

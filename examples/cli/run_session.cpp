@@ -41,25 +41,53 @@ int count_rejected(const slam::System& system) {
       std::count(verdicts.begin(), verdicts.end(), slam::FeatureVerdict::kRejected));
 }
 
-FrameRow process(const dataset::Frame& frame, MaskSource& masks, slam::System& system,
-                 LiveView& view) {
-  const Clock::time_point start = Clock::now();
+RowState state_of(slam::TrackingState state) {
+  switch (state) {
+    case slam::TrackingState::kNotInitialized:
+      return RowState::kNotInitialized;
+    case slam::TrackingState::kTracked:
+      return RowState::kTracked;
+    case slam::TrackingState::kRelocalized:
+      return RowState::kRelocalized;
+    case slam::TrackingState::kLost:
+      break;
+  }
+  return RowState::kLost;
+}
+
+FrameRow empty_row(std::size_t index, double timestamp, RowState state) {
   FrameRow row;
-  row.index = frame.index;
-  row.timestamp = frame.timestamp;
-  const cv::Mat& mask = masks.update(frame, row);
-  const slam::FrameResult result = system.track(examples::input_of(frame, mask));
-  row.state = slam::to_string(result.state);
+  row.index = static_cast<std::uint32_t>(index);
+  row.timestamp = timestamp;
+  row.state = state;
+  return row;
+}
+
+void add_result(const slam::FrameResult& result, FrameRow& row) {
+  row.state = state_of(result.state);
   row.features = result.features;
   row.inliers = result.inliers;
   row.masked_share = result.masked_share;
   row.keyframe = result.keyframe;
   row.moving_features = result.moving_features;
   row.moving_share = result.moving_share;
-  row.loops = result.loops;
-  row.ms = result.ms;
-  row.background = result.background;
-  row.total_ms = milliseconds_since(start);
+  row.loops = static_cast<std::uint32_t>(result.loops);
+  row.ms.extract = static_cast<float>(result.ms.extract);
+  row.ms.match = static_cast<float>(result.ms.match);
+  row.ms.geometry = static_cast<float>(result.ms.geometry);
+  row.ms.optimize = static_cast<float>(result.ms.optimize);
+  row.ms.map = static_cast<float>(result.ms.map + result.background.map);
+  row.ms.loop = static_cast<float>(result.background.loop);
+}
+
+FrameRow process(const dataset::Frame& frame, MaskSource& masks, slam::System& system,
+                 LiveView& view) {
+  const Clock::time_point start = Clock::now();
+  FrameRow row = empty_row(frame.index, frame.timestamp, RowState::kLost);
+  const cv::Mat& mask = masks.update(frame, row);
+  const slam::FrameResult result = system.track(examples::input_of(frame, mask));
+  add_result(result, row);
+  row.ms.total = static_cast<float>(milliseconds_since(start));
   row.rejected_features = count_rejected(system);
   view.add(frame, mask, row, result, system);
   return row;
@@ -80,12 +108,8 @@ std::size_t due_frame(const dataset::Sequence& sequence, std::size_t next,
   return next;
 }
 
-FrameRow missing_row(const dataset::Sequence& sequence, std::size_t index, const char* state) {
-  FrameRow row;
-  row.index = index;
-  row.timestamp = sequence.timestamp(index);
-  row.state = state;
-  return row;
+FrameRow missing_row(const dataset::Sequence& sequence, std::size_t index, RowState state) {
+  return empty_row(index, sequence.timestamp(index), state);
 }
 
 // A first mask before the clock starts; an unreadable frame is met again, and counted, in the run.
@@ -97,6 +121,24 @@ void prepare(const dataset::Sequence& sequence, MaskSource& masks) {
 }
 
 }  // namespace
+
+const char* to_string(RowState state) {
+  switch (state) {
+    case RowState::kNotInitialized:
+      return slam::to_string(slam::TrackingState::kNotInitialized);
+    case RowState::kTracked:
+      return slam::to_string(slam::TrackingState::kTracked);
+    case RowState::kRelocalized:
+      return slam::to_string(slam::TrackingState::kRelocalized);
+    case RowState::kLost:
+      return slam::to_string(slam::TrackingState::kLost);
+    case RowState::kUnreadable:
+      return "unreadable";
+    case RowState::kDropped:
+      return "dropped";
+  }
+  return "unknown";
+}
 
 void require_depth(const char* command, const dataset::Sequence& sequence) {
   if (sequence.sensor() == dataset::SensorKind::kRgbd) return;
@@ -126,7 +168,7 @@ slam::Composition composition_of(const RunFlags& flags) {
   return system;
 }
 
-std::size_t RunOutcome::count(const std::string& state) const {
+std::size_t RunOutcome::count(RowState state) const {
   return static_cast<std::size_t>(std::count_if(
       rows.begin(), rows.end(), [&](const FrameRow& row) { return row.state == state; }));
 }
@@ -134,9 +176,9 @@ std::size_t RunOutcome::count(const std::string& state) const {
 std::size_t RunOutcome::localized_after() const {
   std::size_t given = 0;
   for (const FrameRow& row : rows) {
-    if (row.state == "dropped" || row.state == "unreadable") continue;
+    if (!row.processed()) continue;
     ++given;
-    if (row.state == "tracked" || row.state == "relocalized") return given;
+    if (row.has_pose()) return given;
   }
   return 0;
 }
@@ -163,11 +205,13 @@ RunOutcome run_system(const dataset::Sequence& sequence, const RunFlags& flags) 
   reading.pause_at_work = paced;  // a camera does not take tracking's cores
   dataset::ReadAhead frames(sequence, reading);
   Progress progress(flags.system, sequence.size());
+  outcome.rows.reserve(sequence.size());  // a growing vector leaves holes in long runs
   const Clock::time_point start = Clock::now();
   for (std::size_t next = 0; next < sequence.size(); ++next) {
     if (flags.realtime) {
       const std::size_t due = due_frame(sequence, next, start);
-      for (; next < due; ++next) outcome.rows.push_back(missing_row(sequence, next, "dropped"));
+      for (; next < due; ++next)
+        outcome.rows.push_back(missing_row(sequence, next, RowState::kDropped));
       frames.skip_to(next);
     }
     if (paced) {
@@ -181,12 +225,13 @@ RunOutcome run_system(const dataset::Sequence& sequence, const RunFlags& flags) 
     if (!read) break;
     if (!read->frame) {
       outcome.problems.push_back(read->error);
-      outcome.rows.push_back(missing_row(sequence, read->index, "unreadable"));
+      outcome.rows.push_back(missing_row(sequence, read->index, RowState::kUnreadable));
       continue;
     }
     outcome.rows.push_back(process(*read->frame, masks, *outcome.system, view));
     const FrameRow& row = outcome.rows.back();
-    progress.update(next + 1, row.state + ", " + std::to_string(row.inliers) + " inliers");
+    progress.update(next + 1, std::string(to_string(row.state)) + ", " +
+                                  std::to_string(row.inliers) + " inliers");
     if (interrupted()) break;
   }
   outcome.memory_mb.push_back(resident_memory_mb());

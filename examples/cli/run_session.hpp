@@ -48,24 +48,47 @@ struct RunFlags {
 /// --solver, --vocabulary, --features, --threads, --realtime, --async, --sequential.
 void add_tracking_flags(CLI::App& command, RunFlags& flags);
 
-/// One frame of a run, a row of frames.csv.
+/// What became of a frame of a run.
+enum class RowState : std::uint8_t {
+  kNotInitialized,
+  kTracked,
+  kRelocalized,
+  kLost,
+  kUnreadable,
+  kDropped,  ///< came while the one before was still at work
+};
+
+/// As frames.csv has it: "not_initialized", "tracked", "relocalized", "lost", "unreadable" or
+/// "dropped".
+const char* to_string(RowState state);
+
+/// Milliseconds of a frame's stages.
+struct StageRow {
+  float extract = 0.0F, match = 0.0F, segment = 0.0F, geometry = 0.0F, optimize = 0.0F;
+  float map = 0.0F;  ///< the tracking thread's and the workers'
+  float loop = 0.0F;
+  float total = 0.0F;  ///< of tracking, segmentation included where tracking waits for it
+};
+
+/// One frame of a run, a row of frames.csv. Small, because a run keeps one for each frame.
 struct FrameRow {
-  std::size_t index = 0;
   double timestamp = 0.0;
-  std::string state;  ///< TrackingState's name, "unreadable" or "dropped"
-  int features = 0;
-  int inliers = 0;
-  std::size_t loops = 0;      ///< closed so far
-  int moving_features = 0;    ///< let go by geometry
-  int rejected_features = 0;  ///< whose match disagreed with the pose
-  double moving_share = 0.0;  ///< of the image, by geometry
-  double masked_share = 0.0;
-  int mask_age = 0;  ///< frames since the image that the mask was made from; -1: no mask
+  std::uint32_t index = 0;
+  std::int32_t features = 0;
+  std::int32_t inliers = 0;
+  std::uint32_t loops = 0;             ///< closed so far
+  std::int32_t moving_features = 0;    ///< let go by geometry
+  std::int32_t rejected_features = 0;  ///< whose match disagreed with the pose
+  float moving_share = 0.0F;           ///< of the image, by geometry
+  float masked_share = 0.0F;
+  std::int32_t mask_age = 0;  ///< frames since the image that the mask was made from; -1: no mask
+  StageRow ms;
+  RowState state = RowState::kLost;
   bool keyframe = false;
-  double segment_ms = 0.0;
-  slam::StageTimes ms;
-  slam::BackgroundTimes background;
-  double total_ms = 0.0;  ///< segmentation included where tracking waits for it
+
+  /// Whether the system was given the frame.
+  bool processed() const { return state != RowState::kDropped && state != RowState::kUnreadable; }
+  bool has_pose() const { return state == RowState::kTracked || state == RowState::kRelocalized; }
 };
 
 /// Frames at which the segmenter failed, and one of its reasons.
@@ -84,10 +107,10 @@ struct RunOutcome {
   double seconds = 0.0;
   std::vector<double> memory_mb;  ///< resident after each quarter of the frames
 
-  std::size_t count(const std::string& state) const;
+  std::size_t count(RowState state) const;
   /// Frames given to the system up to the first with a pose, that included; 0: none has one.
   std::size_t localized_after() const;
-  std::size_t tracked() const { return count("tracked") + count("relocalized"); }
+  std::size_t tracked() const { return count(RowState::kTracked) + count(RowState::kRelocalized); }
 };
 
 /// What the system is to use of the sequence's frames. Throws InvalidArgument when the flags ask

@@ -1,5 +1,7 @@
 #include "frame_log.hpp"
 
+#include <vector>
+
 namespace dynslam::slam {
 
 RigidTransform FrameLog::pose_of(const Map& map, const Record& record) {

@@ -2,10 +2,10 @@
 #pragma once
 
 #include <cstddef>
+#include <deque>
 #include <functional>
 #include <optional>
 #include <utility>
-#include <vector>
 
 #include "dynslam/core/rigid_transform.hpp"
 #include "dynslam/core/trajectory.hpp"
@@ -57,7 +57,7 @@ class FrameLog {
   static constexpr KeyframeId kWorld = kNoId - 1;
   static RigidTransform pose_of(const Map& map, const Record& record);
 
-  std::vector<Record> records_;
+  std::deque<Record> records_;  // grows without a second copy of a long run
   double scale_ = 1.0;  // of the last record's surroundings, by what they were
 };
 
