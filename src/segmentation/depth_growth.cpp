@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 
 #include <opencv2/core.hpp>
 
@@ -21,6 +22,43 @@ void mark_row(const std::uint8_t* facing, const float* z, const DepthBand& band,
     const int rest = states[x] & ~bit;
     states[x] = static_cast<std::uint8_t>(rest | (facing[x] != 0 ? in_band : 0));
   }
+}
+
+// Not 0 for the cells with the bit `in` beside one with the bit `grows` and not `in`. Without
+// branches, so that it is vectorized.
+void rim_of_row(const std::uint8_t* states, int stride, std::uint8_t in, std::uint8_t grows,
+                int width, std::uint8_t* on_rim) {
+  const std::uint8_t* above = states - stride;
+  const std::uint8_t* below = states + stride;
+  const auto may_grow = [in, grows](std::uint8_t state) {
+    return static_cast<std::uint8_t>((state & (in | grows)) == grows ? 1 : 0);
+  };
+  for (int x = 0; x < width; ++x) {
+    const std::uint8_t beside =
+        may_grow(states[x - 1]) | may_grow(states[x + 1]) | may_grow(above[x]) | may_grow(below[x]);
+    on_rim[x] = (states[x] & in) != 0 ? beside : std::uint8_t{0};
+  }
+}
+
+// Calls `work` with the places of what is not 0, which is little, in order.
+template <typename Work>
+void for_each_set(const std::vector<std::uint8_t>& flags, const Work& work) {
+  constexpr std::size_t kWord = sizeof(std::uint64_t);
+  for (std::size_t begin = 0; begin < flags.size(); begin += kWord) {
+    const std::size_t count = std::min(kWord, flags.size() - begin);
+    std::uint64_t word = 0;
+    std::memcpy(&word, flags.data() + begin, count);
+    if (word == 0) continue;
+    for (std::size_t i = begin; i < begin + count; ++i) {
+      if (flags[i] != 0) work(i);
+    }
+  }
+}
+
+// Every value twice.
+void double_row(const std::uint8_t* values, int width, std::uint8_t* out) {
+  for (int x = 0; x < width / 2; ++x) out[2 * x] = out[2 * x + 1] = values[x];
+  if (width % 2 != 0) out[width - 1] = values[width / 2];
 }
 
 }  // namespace
@@ -75,9 +113,9 @@ void DepthWindow::grow(const std::vector<std::uint8_t>& where) {
   // beyond the window is something that the thing stands at. Of such a region only the rim next to
   // the mask is taken.
   mark_growable(where);
-  std::vector<int> rim, accepted;
-  for (int seed = depth_.begin(); seed < depth_.end(); ++seed) {
-    if (!(state(seed) & kIn)) continue;
+  std::vector<int> seeds, rim, accepted;
+  find_rim(seeds);
+  for (const int seed : seeds) {
     for (const int start : depth_.neighbours(seed)) {
       if (!continues(start, seed)) continue;
       const int sides = flood_beside(start, rim);
@@ -89,6 +127,17 @@ void DepthWindow::grow(const std::vector<std::uint8_t>& where) {
   }
   for (const int cell : accepted) state(cell) |= kIn;
   clear_visited();
+}
+
+// Gathers the cells of the instance next to others that it may grow over.
+void DepthWindow::find_rim(std::vector<int>& rim) const {
+  std::vector<std::uint8_t> on_rim(static_cast<std::size_t>(depth_.width));
+  for (int y = 0; y < depth_.height; ++y) {
+    const int first = depth_.cell_of(0, y);
+    rim_of_row(&state_[static_cast<std::size_t>(first)], depth_.stride, kIn, kGrows, depth_.width,
+               on_rim.data());
+    for_each_set(on_rim, [&](std::size_t x) { rim.push_back(first + static_cast<int>(x)); });
+  }
 }
 
 bool DepthWindow::hidden_from_the_mask(const std::vector<int>& component) const {
@@ -207,20 +256,24 @@ cv::Rect DepthWindow::extent() const {
   return right < 0 ? cv::Rect() : cv::Rect(left, top, right - left + 1, bottom - top + 1);
 }
 
-// What is to be done with the pixels of a row's cells from `left` on.
-void DepthWindow::choose_brushes(int left, int y, std::vector<std::uint8_t>& brushes) const {
+// What is to be done with the pixels of a row's cells from `left` on: all of a cell is the
+// instance's (255) or none (0); `by_depth`: not 0 where each pixel's own depth decides.
+void DepthWindow::choose_brushes(int left, int y, std::vector<std::uint8_t>& full,
+                                 std::vector<std::uint8_t>& by_depth) const {
   const int first = depth_.cell_of(left, y);
   const std::uint8_t* here = state_.data() + first;
   const std::uint8_t* above = here - depth_.stride;
   const std::uint8_t* below = here + depth_.stride;
   const float* z = depth_.z.data() + first;
-  const auto width = static_cast<int>(brushes.size());
-  std::uint8_t* out = brushes.data();
+  const auto width = static_cast<int>(full.size());
+  std::uint8_t* whole = full.data();
+  std::uint8_t* border = by_depth.data();
   for (int x = 0; x < width; ++x) {
     const int around = here[x - 1] & here[x + 1] & above[x] & below[x] & kIn;
     const int inner = measured(z[x]) ? around : kIn;
-    const int brush = inner != 0 ? kFull : kByDepth;
-    out[x] = static_cast<std::uint8_t>((here[x] & kIn) != 0 ? brush : kNone);
+    const int in = here[x] & kIn;
+    whole[x] = static_cast<std::uint8_t>((in & inner) != 0 ? 255 : 0);
+    border[x] = static_cast<std::uint8_t>(in & ~inner);
   }
 }
 
@@ -231,23 +284,21 @@ void DepthWindow::write(DepthView depth, Instance& instance) const {
       cv::Rect(2 * (x0_ + cells.x), 2 * (y0_ + cells.y), 2 * cells.width, 2 * cells.height) &
       cv::Rect(0, 0, depth.width, depth.height);
   cv::Mat mask(box.size(), CV_8UC1);
-  std::vector<std::uint8_t> brushes(static_cast<std::size_t>(cells.width));
+  std::vector<std::uint8_t> full(static_cast<std::size_t>(cells.width)), by_depth(full.size());
   for (int v = 0; v < box.height; ++v) {
     const int y = cells.y + v / 2;
-    if (v % 2 == 0) choose_brushes(cells.x, y, brushes);
-    const std::uint8_t* brush = brushes.data();
+    if (v % 2 == 0) choose_brushes(cells.x, y, full, by_depth);
     std::uint8_t* out = mask.ptr(v);
-    for (int x = 0; x < box.width / 2; ++x) {
-      out[2 * x] = out[2 * x + 1] = static_cast<std::uint8_t>(brush[x] == kFull ? 255 : 0);
-    }
-    if (box.width % 2 != 0) out[box.width - 1] = brush[box.width / 2] == kFull ? 255 : 0;
+    double_row(full.data(), box.width, out);
     // At the border the pixel's own depth decides, if it has one.
     const float* own = depth.row(box.y + v) + box.x;
     const float* z = depth_.z.data() + depth_.cell_of(cells.x, y);
-    for (int u = 0; u < box.width; ++u) {
-      if (brush[u / 2] != kByDepth) continue;
-      out[u] = !measured(own[u]) || step_.joins(own[u], z[u / 2]) ? 255 : 0;
-    }
+    for_each_set(by_depth, [&](std::size_t x) {
+      const int right = std::min(2 * static_cast<int>(x) + 2, box.width);
+      for (int u = 2 * static_cast<int>(x); u < right; ++u) {
+        out[u] = !measured(own[u]) || step_.joins(own[u], z[x]) ? 255 : 0;
+      }
+    });
   }
   instance.box = box;
   instance.mask = mask;

@@ -100,8 +100,6 @@ class DepthWindow {
     kWall = 64,    // no cell: around the window, so that every cell has four neighbours
   };
 
-  enum Brush : std::uint8_t { kNone, kFull, kByDepth };
-
   void place(const HalfDepth& half, const DepthRefinementOptions& options,
              const Instance& instance);
   void build_walls(bool open_left, bool open_right);
@@ -112,10 +110,12 @@ class DepthWindow {
   bool continues(int cell, int from) const;
   int flood_beside(int start, std::vector<int>& rim);
   void grow(const std::vector<std::uint8_t>& where);
+  void find_rim(std::vector<int>& rim) const;
   bool hidden_from_the_mask(const std::vector<int>& component) const;
   bool flood_apart(int start);
   cv::Rect extent() const;
-  void choose_brushes(int left, int y, std::vector<std::uint8_t>& brushes) const;
+  void choose_brushes(int left, int y, std::vector<std::uint8_t>& full,
+                      std::vector<std::uint8_t>& by_depth) const;
   void clear_visited();
 
   bool is_near(int cell) const { return cell >= near_begin_ && cell < near_end_; }

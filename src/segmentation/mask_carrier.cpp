@@ -134,6 +134,26 @@ cv::Mat displacement_field(const cv::Rect& cells, int step, const PointTracks& m
 // The nearest whole number, for numbers above -10000; std::lround is a call.
 int nearest(float value) { return static_cast<int>(value + 10000.5F) - 10000; }
 
+constexpr int kGrid = 8;  // cells from node to node of a displacement field
+
+// Where the cells of a row that begins at `first` came from, by the displacements at its nodes.
+void origins_of_row(const std::vector<cv::Vec2f>& nodes, cv::Point first,
+                    std::vector<cv::Point>& from) {
+  for (std::size_t node = 0; node + 1 < nodes.size(); ++node) {
+    const cv::Vec2f left = nodes[node];
+    const cv::Vec2f right = nodes[node + 1];
+    const int x0 = first.x + static_cast<int>(node) * kGrid;
+    cv::Point* out = from.data() + node * kGrid;
+    for (int i = 0; i < kGrid; ++i) {
+      const float w = static_cast<float>(i) / kGrid;
+      const float dx = left[0] * (1 - w) + right[0] * w;
+      const float dy = left[1] * (1 - w) + right[1] * w;
+      out[i] = {nearest(static_cast<float>(x0 + i) - dx),
+                nearest(static_cast<float>(first.y) - dy)};
+    }
+  }
+}
+
 }  // namespace
 
 cv::Rect cells_of(const cv::Rect& box) {
@@ -187,10 +207,11 @@ CellMask move_cells(const CellMask& source, const PointTracks& motion, cv::Point
   if (target.cells.empty()) return target;
   target.in = cv::Mat::zeros(target.cells.size(), CV_8UC1);
   target.z = cv::Mat::zeros(target.cells.size(), CV_32FC1);
-  constexpr int kGrid = 8;
   const cv::Mat field = displacement_field(target.cells, kGrid, motion, common);
   const cv::Point offset = target.cells.tl() - source.cells.tl();
+  const cv::Rect there(cv::Point(), source.cells.size());
   std::vector<cv::Vec2f> nodes(static_cast<std::size_t>(field.cols));
+  std::vector<cv::Point> from(nodes.size() * kGrid);
   for (int y = 0; y < target.cells.height; ++y) {
     const auto* above = field.ptr<cv::Vec2f>(y / kGrid);
     const auto* below = field.ptr<cv::Vec2f>(y / kGrid + 1);
@@ -198,21 +219,14 @@ CellMask move_cells(const CellMask& source, const PointTracks& motion, cv::Point
     for (std::size_t i = 0; i < nodes.size(); ++i) {
       nodes[i] = above[i] * (1 - wy) + below[i] * wy;
     }
+    origins_of_row(nodes, offset + cv::Point(0, y), from);
     std::uint8_t* in = target.in.ptr(y);
     auto* z = target.z.ptr<float>(y);
     for (int x = 0; x < target.cells.width; ++x) {
-      const auto node = static_cast<std::size_t>(x / kGrid);
-      const float wx = static_cast<float>(x % kGrid) / kGrid;
-      const float dx = nodes[node][0] * (1 - wx) + nodes[node + 1][0] * wx;
-      const float dy = nodes[node][1] * (1 - wx) + nodes[node + 1][1] * wx;
-      const int from_x = nearest(static_cast<float>(offset.x + x) - dx);
-      const int from_y = nearest(static_cast<float>(offset.y + y) - dy);
-      if (from_x < 0 || from_y < 0 || from_x >= source.cells.width ||
-          from_y >= source.cells.height) {
-        continue;
-      }
-      in[x] = source.in.at<std::uint8_t>(from_y, from_x);
-      z[x] = in[x] != 0 ? source.z.at<float>(from_y, from_x) : 0.0F;
+      const cv::Point at = from[static_cast<std::size_t>(x)];
+      if (!there.contains(at)) continue;
+      in[x] = source.in.at<std::uint8_t>(at);
+      z[x] = in[x] != 0 ? source.z.at<float>(at) : 0.0F;
     }
   }
   return target;

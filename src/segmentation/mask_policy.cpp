@@ -31,44 +31,64 @@ void dilate_by_filter(cv::Mat& mask, int radius) {
   cv::threshold(mask, mask, 0, 255, cv::THRESH_BINARY);
 }
 
-void dilate_by_columns(cv::Mat& mask, int radius) {
-  const int width = mask.cols;
-  const int height = mask.rows;
+constexpr int kBlock = 64;  // columns at a time, a constant, so that loops over it are vectorized
 
-  // How far the next mask pixel of the same column is, capped: two sweeps over the rows.
-  const auto cap = static_cast<std::uint8_t>(radius + 1);
-  cv::Mat distance(height, width, CV_8UC1);
-  const auto sweep = [&](int y, int from) {
-    const std::uint8_t* before = from < 0 || from >= height ? nullptr : distance.ptr(from);
+// How far the next set pixel of the same column is, at most `cap`: two sweeps over the rows.
+cv::Mat column_distances(const cv::Mat& mask, std::uint8_t cap) {
+  cv::Mat distance(mask.size(), CV_8UC1);
+  const int width = mask.cols;
+  const auto sweep = [&distance, width, cap](int y, int from) {
+    const std::uint8_t* before = distance.ptr(from);
     std::uint8_t* here = distance.ptr(y);
     for (int x = 0; x < width; ++x) {
-      const std::uint8_t via =
-          before == nullptr ? cap : static_cast<std::uint8_t>(std::min<int>(before[x] + 1, cap));
-      here[x] = std::min(here[x], via);
+      const auto via = static_cast<std::uint8_t>(before[x] < cap ? before[x] + 1 : cap);
+      here[x] = via < here[x] ? via : here[x];
     }
   };
-  for (int y = 0; y < height; ++y) {
+  for (int y = 0; y < mask.rows; ++y) {
     const std::uint8_t* source = mask.ptr(y);
     std::uint8_t* here = distance.ptr(y);
     for (int x = 0; x < width; ++x) here[x] = source[x] != 0 ? 0 : cap;
-    sweep(y, y - 1);
+    if (y > 0) sweep(y, y - 1);
   }
-  for (int y = height - 1; y >= 0; --y) sweep(y, y + 1);
+  for (int y = mask.rows - 2; y >= 0; --y) sweep(y, y + 1);
+  return distance;
+}
 
-  // A pixel is reached if for some dx the column x + dx has a mask pixel within the disc's half
-  // height there.
-  for (int y = 0; y < height; ++y) {
-    const std::uint8_t* column = distance.ptr(y);
-    std::uint8_t* out = mask.ptr(y);
-    std::fill(out, out + width, std::uint8_t{0});
-    for (int dx = -radius; dx <= radius; ++dx) {
-      const auto reach = static_cast<std::uint8_t>(half_height(radius, dx));
-      const int begin = std::max(0, -dx);
-      const int end = std::min(width, width - dx);
-      for (int x = begin; x < end; ++x) {
-        out[x] = static_cast<std::uint8_t>(out[x] | (column[x + dx] <= reach ? 255 : 0));
-      }
+// 255 for those of `kBlock` pixels around which a column `dx` off, to either side, has a set pixel
+// within the disc's half height there. `columns`: their distances, `reach[dx]`: the half heights.
+void reach_block(const std::uint8_t* columns, const std::vector<std::uint8_t>& reach,
+                 std::uint8_t* out) {
+  std::uint8_t set[kBlock] = {};
+  for (std::size_t dx = 0; dx < reach.size(); ++dx) {
+    const std::uint8_t* left = columns - dx;
+    const std::uint8_t* right = columns + dx;
+    const std::uint8_t height = reach[dx];
+    for (int x = 0; x < kBlock; ++x) {
+      const std::uint8_t nearer = left[x] < right[x] ? left[x] : right[x];
+      set[x] = static_cast<std::uint8_t>(set[x] | (nearer <= height ? 255 : 0));
     }
+  }
+  std::copy_n(set, kBlock, out);
+}
+
+void dilate_by_columns(cv::Mat& mask, int radius) {
+  std::vector<std::uint8_t> reach;
+  for (int dx = 0; dx <= radius; ++dx) {
+    reach.push_back(static_cast<std::uint8_t>(half_height(radius, dx)));
+  }
+  const auto cap = static_cast<std::uint8_t>(radius + 1);
+  const cv::Mat distance = column_distances(mask, cap);
+  // A row with room for what blocks reach beyond its ends, where nothing is set.
+  const std::size_t blocks = (static_cast<std::size_t>(mask.cols) + kBlock - 1) / kBlock;
+  std::vector<std::uint8_t> columns(blocks * kBlock + 2 * reach.size(), cap);
+  std::vector<std::uint8_t> row(blocks * kBlock);
+  for (int y = 0; y < mask.rows; ++y) {
+    std::copy_n(distance.ptr(y), mask.cols, columns.data() + reach.size());
+    for (std::size_t x = 0; x < row.size(); x += kBlock) {
+      reach_block(columns.data() + reach.size() + x, reach, row.data() + x);
+    }
+    std::copy_n(row.data(), mask.cols, mask.ptr(y));
   }
 }
 
