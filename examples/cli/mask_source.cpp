@@ -147,7 +147,7 @@ void tell(const SegmenterFailures& failures) {
 }
 
 void MaskSource::update_beside(const dataset::Frame& frame, FrameRow& row) {
-  propagator_->add_frame(frame.color, examples::info_of(frame));
+  propagator_->add_frame_shared(frame.color, frame.depth, examples::info_of(frame));
   while (std::optional<segmentation::AsyncResult> result = worker_->take()) {
     // Only what the mask will be made of is worth carrying.
     segmentation::Segmentation& found = result->segmentation;

@@ -181,8 +181,7 @@ bool AsyncSegmenter::submit(const cv::Mat& image, const FrameInfo& frame) {
 
 bool AsyncSegmenter::submit_shared(const cv::Mat& image, const cv::Mat& depth, FrameInfo frame) {
   constexpr const char* kName = "AsyncSegmenter::submit_shared";
-  require(depth.empty() || (depth.dims == 2 && depth.type() == CV_32FC1), kName, "depth",
-          cv::typeToString(depth.type()), "CV_32FC1 in two dimensions, or no depth");
+  require_depth_image(kName, depth);
   frame.depth = as_view<const float>(depth);
   require_segmentable(kName, image, frame);
   return impl_->enqueue({image, depth, std::move(frame)});

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstring>
 #include <deque>
 #include <utility>
 
@@ -10,6 +9,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "dynslam/core/errors.hpp"
+#include "dynslam/core/opencv.hpp"
 
 #include "segmentation/carried_surfaces.hpp"
 #include "segmentation/corner_tracker.hpp"
@@ -84,7 +84,8 @@ struct MaskPropagator::Impl {
   DepthWindow window;
   cv::Size full;
   std::deque<Remembered> frames;  // oldest first
-  std::vector<float> depth;       // of the newest frame, empty if it has none
+  cv::Mat depth;                  // of the newest frame, empty if it has none; may be the caller's
+  cv::Mat own_depth;              // memory for a copy of it
   std::optional<Segmentation> source;
   std::uint64_t source_index = 0;
   std::optional<PropagatedSegmentation> result;
@@ -95,17 +96,16 @@ struct MaskPropagator::Impl {
   std::vector<std::uint8_t> outside;  // cells whose surface was outside all masks
   std::vector<std::uint8_t> hidden;   // cells around an instance that could not be seen before
 
-  DepthView depth_view() const {
-    if (depth.empty()) return {};
-    return DepthView(depth.data(), full.width, full.height);
-  }
+  DepthView depth_view() const { return depth.empty() ? DepthView() : as_view<const float>(depth); }
   std::size_t place_of(std::uint64_t index) const {
     std::size_t place = 0;
     while (place < frames.size() && frames[place].index != index) ++place;
     return place;
   }
   void begin_frame(const FrameInfo& frame);
-  void remember_depth(DepthView view);
+  void add(const cv::Mat& image, const cv::Mat& newest_depth, const FrameInfo& frame);
+  void require_next(const char* caller, const cv::Mat& image, const FrameInfo& frame) const;
+  void remember_depth(const cv::Mat& newest);
   std::vector<int> count_corners(std::size_t place) const;
   PointTracks tracks_of(std::size_t instance) const;
   cv::Rect reach_of_masks() const;
@@ -121,19 +121,14 @@ struct MaskPropagator::Impl {
   void compute();
 };
 
-void MaskPropagator::Impl::remember_depth(DepthView view) {
+void MaskPropagator::Impl::remember_depth(const cv::Mat& newest) {
   HalfDepth& half = frames.back().half;
-  if (view.empty() || !options.follow_depth) {
-    depth.clear();
+  if (newest.empty() || !options.follow_depth) {
+    depth.release();
     half = {};
     return;
   }
-  const auto width = static_cast<std::size_t>(view.width);
-  depth.resize(width * static_cast<std::size_t>(view.height));
-  for (int y = 0; y < view.height; ++y) {
-    std::memcpy(depth.data() + static_cast<std::size_t>(y) * width, view.row(y),
-                width * sizeof(float));
-  }
+  depth = newest;
   half.build(depth_view(), options.depth);
 }
 
@@ -371,21 +366,39 @@ MaskPropagator::~MaskPropagator() = default;
 MaskPropagator::MaskPropagator(MaskPropagator&&) noexcept = default;
 MaskPropagator& MaskPropagator::operator=(MaskPropagator&&) noexcept = default;
 
+void MaskPropagator::Impl::require_next(const char* caller, const cv::Mat& image,
+                                        const FrameInfo& frame) const {
+  require_segmentable(caller, image, frame);
+  if (frames.empty()) return;
+  require(frame.index > frames.back().index, caller, "frame.index", frame.index,
+          "more than the last one, " + std::to_string(frames.back().index));
+  require(image.size() == full, caller, "image",
+          std::to_string(image.cols) + "x" + std::to_string(image.rows),
+          "the size of the frames before");
+}
+
+// What was checked by `require_next`.
+void MaskPropagator::Impl::add(const cv::Mat& image, const cv::Mat& newest_depth,
+                               const FrameInfo& frame) {
+  full = image.size();
+  begin_frame(frame);
+  remember_depth(newest_depth);
+  tracker.add(make_flow_image(image), frames.back().half, windows_of_masks());
+  result_is_fresh = false;
+}
+
 void MaskPropagator::add_frame(const cv::Mat& image, const FrameInfo& frame) {
-  require_segmentable("MaskPropagator::add_frame", image, frame);
-  Impl& self = *impl_;
-  if (!self.frames.empty()) {
-    require(frame.index > self.frames.back().index, "MaskPropagator::add_frame", "frame.index",
-            frame.index, "more than the last one, " + std::to_string(self.frames.back().index));
-    require(image.size() == self.full, "MaskPropagator::add_frame", "image",
-            std::to_string(image.cols) + "x" + std::to_string(image.rows),
-            "the size of the frames before");
-  }
-  self.full = image.size();
-  self.begin_frame(frame);
-  self.remember_depth(frame.depth);
-  self.tracker.add(make_flow_image(image), self.frames.back().half, self.windows_of_masks());
-  self.result_is_fresh = false;
+  impl_->require_next("MaskPropagator::add_frame", image, frame);
+  as_mat(frame.depth).copyTo(impl_->own_depth);
+  impl_->add(image, impl_->own_depth, frame);
+}
+
+void MaskPropagator::add_frame_shared(const cv::Mat& image, const cv::Mat& depth, FrameInfo frame) {
+  constexpr const char* kName = "MaskPropagator::add_frame_shared";
+  require_depth_image(kName, depth);
+  frame.depth = as_view<const float>(depth);
+  impl_->require_next(kName, image, frame);
+  impl_->add(image, depth, frame);
 }
 
 bool MaskPropagator::set_segmentation(std::uint64_t index, Segmentation segmentation) {

@@ -20,6 +20,11 @@ void require_segmentable(const char* function, const cv::Mat& image, const Frame
               std::to_string(image.rows));
 }
 
+void require_depth_image(const char* function, const cv::Mat& depth) {
+  require(depth.empty() || (depth.dims == 2 && depth.type() == CV_32FC1), function, "depth",
+          cv::typeToString(depth.type()), "CV_32FC1 in two dimensions, or no depth");
+}
+
 void require_sound(const char* function, const Segmentation& segmentation, cv::Size image) {
   const auto size_of = [](int width, int height) {
     return std::to_string(width) + "x" + std::to_string(height);

@@ -393,6 +393,34 @@ TEST(MaskPropagator, PrefersTheNewerSegmentation) {
   EXPECT_FALSE(propagator.current().has_value()) << "too old";
 }
 
+TEST(MaskPropagator, CarriesTheSameMaskWhetherDepthIsCopiedOrShared) {
+  MaskPropagator copying, sharing;
+  std::vector<PersonBeforeWall> scenes;
+  for (std::size_t i = 0; i < 4; ++i) {
+    scenes.emplace_back(80 + 10 * static_cast<int>(i));
+    FrameInfo frame = frame_of(i, scenes.back());
+    copying.add_frame(scenes.back().image, frame);
+    const cv::Mat depth = as_mat(frame.depth);
+    frame.depth = {};
+    sharing.add_frame_shared(scenes.back().image, depth, frame);
+  }
+  ASSERT_TRUE(copying.set_segmentation(0, of_mask(scenes[0].person)));
+  ASSERT_TRUE(sharing.set_segmentation(0, of_mask(scenes[0].person)));
+  const cv::Mat copied = whole(copying.current()->segmentation);
+  EXPECT_GT(cv::countNonZero(copied), 0);
+  EXPECT_EQ(cv::norm(copied, whole(sharing.current()->segmentation), cv::NORM_L1), 0.0);
+}
+
+TEST(MaskPropagator, RefusesToShareDepthOfAnotherTypeOrSize) {
+  const PersonBeforeWall scene;
+  MaskPropagator propagator;
+  const FrameInfo frame{5, 0.0, "", {}};
+  const cv::Mat steps(scene.image.size(), CV_16UC1, cv::Scalar(1000));
+  EXPECT_THROW(propagator.add_frame_shared(scene.image, steps, frame), InvalidArgument);
+  const cv::Mat small(9, 9, CV_32FC1, cv::Scalar(1));
+  EXPECT_THROW(propagator.add_frame_shared(scene.image, small, frame), InvalidArgument);
+}
+
 TEST(MaskPropagator, RefusesFramesOutOfOrder) {
   const PersonBeforeWall scene;
   MaskPropagator propagator;

@@ -74,6 +74,11 @@ class MaskPropagator {
   /// for an index that does not grow, and for another image size than before. O(pixels).
   void add_frame(const cv::Mat& image, const FrameInfo& frame);
 
+  /// The same without a copy of the depth: keeps a reference to it (CV_32FC1, or empty), whose
+  /// pixels must not change until the next frame is added. `frame.depth` is not looked at. Throws
+  /// InvalidArgument for a depth image of another type, too. O(pixels).
+  void add_frame_shared(const cv::Mat& image, const cv::Mat& depth, FrameInfo frame);
+
   /// A segmentation of frame `index`, which may be older than the newest. False, and nothing
   /// happens, if that frame is not remembered any more or a newer segmentation is known already.
   /// Throws InvalidArgument, and keeps what it has, if the size is not that of the frames or an

@@ -98,6 +98,10 @@ class Segmenter {
 /// segmenter of their own.
 void require_segmentable(const char* function, const cv::Mat& image, const FrameInfo& frame);
 
+/// Throws InvalidArgument in the name of `function` unless `depth` is CV_32FC1 in two dimensions or
+/// empty.
+void require_depth_image(const char* function, const cv::Mat& depth);
+
 /// Throws InvalidArgument in the name of `function` unless `segmentation` is what
 /// `Segmenter::segment` promises for an image of size `image`: of that size, every box inside it
 /// and every mask 8UC1 of its box's size. For those who take the word of a segmenter that somebody
