@@ -58,7 +58,7 @@ class FrameLog {
   static RigidTransform pose_of(const Map& map, const Record& record);
 
   std::deque<Record> records_;  // grows without a second copy of a long run
-  double scale_ = 1.0;  // of the last record's surroundings, by what they were
+  double scale_ = 1.0;          // of the last record's surroundings, by what they were
 };
 
 }  // namespace dynslam::slam
