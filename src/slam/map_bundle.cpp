@@ -1,7 +1,6 @@
 #include "map_bundle.hpp"
 
 #include <algorithm>
-#include <cmath>
 #include <map>
 #include <unordered_set>
 #include <utility>
@@ -13,7 +12,6 @@ namespace dynslam::slam {
 namespace {
 
 constexpr std::size_t kMaxHeld = 30;  // keyframes held in place
-constexpr double kLeastNoise = 0.15;  // pixels of a level; FAST corners are not better
 
 }  // namespace
 
@@ -101,14 +99,13 @@ void MapBundle::add_observations(const Map& map, const std::vector<float>& scale
   }
 }
 
-// In pixels of a level, before anything is moved; a pixel at most, as tests of inliers assume.
+// In pixels of a level, before anything is moved.
 double MapBundle::noise(const PinholeCamera& camera) const {
   ResidualNoise residuals;
   for (const factors::BundleObservation& o : observations_) {
     residuals.add(camera, poses_[o.keyframe] * positions_[o.point], {o.u, o.v}, o.inverse_sigma);
   }
-  const double noise = residuals.standard_deviation();
-  return std::isnan(noise) ? 1.0 : std::clamp(noise, kLeastNoise, 1.0);
+  return residuals.noise_to_weigh_by();
 }
 
 bool MapBundle::solve(const DepthCamera& camera, factors::BundleWorkspace& workspace,

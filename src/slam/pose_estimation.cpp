@@ -1,14 +1,9 @@
 #include "pose_estimation.hpp"
 
-#include <algorithm>
-#include <cmath>
-
 namespace dynslam::slam {
 namespace {
 
-constexpr double kInflation = 2.5;   // errors of the map are the same in every frame and don't show
-constexpr double kLeastNoise = 0.3;  // pixels of a level
-constexpr double kMomentum = 0.8;    // share of the frames before in the noise
+constexpr double kMomentum = 0.8;  // share of the frames before in the noise
 
 factors::PoseOptimizerOptions optimizer_options(factors::WeightMode weights) {
   factors::PoseOptimizerOptions options;
@@ -60,9 +55,7 @@ void PoseEstimation::learn_noise(const RigidTransform& T_cam_world) {
     residuals_.add(camera_, T_cam_world * points_[i], pixels_[i].cast<double>(),
                    noise_ * inverse_sigma_[i]);
   }
-  const double seen = residuals_.standard_deviation();
-  if (std::isnan(seen)) return;
-  noise_ = std::clamp(kMomentum * noise_ + (1.0 - kMomentum) * kInflation * seen, kLeastNoise, 1.0);
+  noise_ = kMomentum * noise_ + (1.0 - kMomentum) * residuals_.noise_to_weigh_by();
   factors::PoseOptimizerOptions scaled = options_;
   scaled.chi2_mono /= noise_ * noise_;
   scaled.chi2_depth /= noise_ * noise_;

@@ -8,6 +8,8 @@ namespace dynslam::slam {
 namespace {
 
 constexpr std::size_t kFewest = 30;  // errors whose median says something
+constexpr double kInflation = 2.5;
+constexpr double kLeastNoise = 0.3;  // pixels of a level
 
 }  // namespace
 
@@ -22,6 +24,11 @@ double ResidualNoise::standard_deviation() {
   const auto middle = squared_.begin() + static_cast<std::ptrdiff_t>(squared_.size() / 2);
   std::nth_element(squared_.begin(), middle, squared_.end());
   return std::sqrt(*middle / (2.0 * std::log(2.0)));
+}
+
+double ResidualNoise::noise_to_weigh_by() {
+  const double seen = standard_deviation();
+  return std::isnan(seen) ? 1.0 : std::clamp(kInflation * seen, kLeastNoise, 1.0);
 }
 
 }  // namespace dynslam::slam

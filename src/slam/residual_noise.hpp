@@ -24,6 +24,10 @@ class ResidualNoise {
   /// of a normal distribution in the plane. NaN from fewer than 30 errors. O(N).
   double standard_deviation();
 
+  /// What errors are to be weighed by: 2.5 times that, as errors of the map, which are the same in
+  /// every frame, show but little; 0.3 pixels at least, one at most, and one where it is unknown.
+  double noise_to_weigh_by();
+
  private:
   std::vector<double> squared_;
 };

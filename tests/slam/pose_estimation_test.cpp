@@ -103,6 +103,25 @@ TEST(ResidualNoise, IsTheStandardDeviationWhateverAFewErrorsAre) {
   EXPECT_NEAR(noise.standard_deviation(), 0.3, 0.03);
 }
 
+double noise_to_weigh_by(double deviation) {
+  const PinholeCamera camera = slam::camera();
+  std::mt19937 random(5);
+  std::normal_distribution<double> error(0.0, deviation);
+  ResidualNoise noise;
+  for (int i = 0; i < 2000; ++i) {
+    const Eigen::Vector3d X(0.1, 0.2, 1.5);
+    noise.add(camera, X, camera.project(X) + Eigen::Vector2d(error(random), error(random)), 1.0);
+  }
+  return noise.noise_to_weigh_by();
+}
+
+TEST(ResidualNoise, LeavesRoomForErrorsThatDoNotShowButKnowsBounds) {
+  EXPECT_NEAR(noise_to_weigh_by(0.2), 0.5, 0.03);
+  EXPECT_EQ(noise_to_weigh_by(0.01), 0.3);
+  EXPECT_EQ(noise_to_weigh_by(2.0), 1.0);
+  EXPECT_EQ(ResidualNoise().noise_to_weigh_by(), 1.0) << "nothing is known";
+}
+
 TEST(ResidualNoise, IsUnknownFromAFewErrorsAndFromPointsBehindTheCamera) {
   ResidualNoise noise;
   EXPECT_TRUE(std::isnan(noise.standard_deviation()));
