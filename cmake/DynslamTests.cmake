@@ -27,7 +27,7 @@ endfunction()
 
 # dynslam_add_tests(<room> [LINK <target>...] [PACKAGES "<name> ..."...]
 #                   [DEFINITIONS <definition>...] [PRECOMPILE <header>...]
-#                   [SEPARATE] [OPTIMIZE])
+#                   [SEPARATE] [OPTIMIZE] [COUNT_ALLOCATIONS])
 #
 # Every tests/<room>/*_test.cpp goes into one executable, <room>_tests, which is the test <room>
 # of ctest. Called without further arguments for a room that has no tests/<room>/CMakeLists.txt.
@@ -40,11 +40,13 @@ endfunction()
 # for a room whose tests wait for templates, the room's own or Eigen's: those of the library are
 # linked once, and that may be as the tests compiled them.
 #
+# COUNT_ALLOCATIONS is for a room whose tests include allocation_counter.hpp.
+#
 # The tests know DYNSLAM_TEST_DATA_DIR, their own small files in tests/<room>/data, and
 # DYNSLAM_DEFAULT_DATA_DIR, where data sets lie unless the environment's DYNSLAM_DATA says
 # otherwise. They run in a scratch directory of their own room.
 function(dynslam_add_tests room)
-  cmake_parse_arguments(PARSE_ARGV 1 arg "SEPARATE;OPTIMIZE" ""
+  cmake_parse_arguments(PARSE_ARGV 1 arg "SEPARATE;OPTIMIZE;COUNT_ALLOCATIONS" ""
     "LINK;PACKAGES;DEFINITIONS;PRECOMPILE")
   set(directory "${PROJECT_SOURCE_DIR}/tests/${room}")
   file(GLOB sources CONFIGURE_DEPENDS "${directory}/*_test.cpp")
@@ -55,6 +57,13 @@ function(dynslam_add_tests room)
   set(target ${room}_tests)
   set(scratch "${PROJECT_BINARY_DIR}/tests/scratch/${room}")
   file(MAKE_DIRECTORY "${scratch}")
+  if(arg_COUNT_ALLOCATIONS)
+    list(APPEND sources "${PROJECT_SOURCE_DIR}/tests/allocation_counter.cpp")
+  endif()
+  if(DYNSLAM_SANITIZE MATCHES "thread" AND TARGET opencv_core)
+    list(APPEND sources "${PROJECT_SOURCE_DIR}/tests/opencv_alone.cpp")
+    list(APPEND adapter_links opencv_core)
+  endif()
   add_executable(${target} ${sources})
   dynslam_apply_build_flags(${target})
   if(DYNSLAM_SANITIZE AND NOT arg_OPTIMIZE)
@@ -86,6 +95,8 @@ endfunction()
 
 function(dynslam_configure_tests)
   dynslam_find_package(GTest FOR "Testing dynslam")
+  add_test(NAME docs COMMAND bash "${PROJECT_SOURCE_DIR}/tests/docs_test.sh")
+  set_tests_properties(docs PROPERTIES LABELS docs)
   dynslam_enabled_rooms(rooms)
   foreach(room IN LISTS rooms)
     if(EXISTS "${PROJECT_SOURCE_DIR}/tests/${room}/CMakeLists.txt")

@@ -108,7 +108,7 @@ TEST(UpdateWeights, RefusesOtherSizesAndStiffness) {
   EXPECT_THROW(update_weights(three, three, kNotANumber, three), InvalidArgument);
 }
 
-class LossTest : public testing::TestWithParam<RobustLoss> {};
+class LossTest : public ::testing::TestWithParam<RobustLoss> {};
 
 TEST_P(LossTest, HasTheDerivativesItSays) {
   const RobustLoss loss = GetParam();
@@ -130,14 +130,14 @@ TEST_P(LossTest, IsTheSquareNearZero) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Kinds, LossTest,
-                         testing::Values(RobustLoss{}, RobustLoss{LossKind::kHuber, 2.447, 0.0},
-                                         RobustLoss{LossKind::kCauchy, 2.0, 0.0},
-                                         RobustLoss{LossKind::kGemanMcClure, 3.0, 0.0},
-                                         RobustLoss{LossKind::kBarron, 2.0, 2.0},
-                                         RobustLoss{LossKind::kBarron, 2.0, 1.0},
-                                         RobustLoss{LossKind::kBarron, 2.0, 0.0},
-                                         RobustLoss{LossKind::kBarron, 2.0, -2.0},
-                                         RobustLoss{LossKind::kBarron, 2.0, -10.0}));
+                         ::testing::Values(RobustLoss{}, RobustLoss{LossKind::kHuber, 2.447, 0.0},
+                                           RobustLoss{LossKind::kCauchy, 2.0, 0.0},
+                                           RobustLoss{LossKind::kGemanMcClure, 3.0, 0.0},
+                                           RobustLoss{LossKind::kBarron, 2.0, 2.0},
+                                           RobustLoss{LossKind::kBarron, 2.0, 1.0},
+                                           RobustLoss{LossKind::kBarron, 2.0, 0.0},
+                                           RobustLoss{LossKind::kBarron, 2.0, -2.0},
+                                           RobustLoss{LossKind::kBarron, 2.0, -10.0}));
 
 TEST(RobustLoss, OfBarronContainsTheOthers) {
   for (const double s : {0.1, 4.0, 50.0}) {

@@ -1,8 +1,4 @@
-// Functions that promise to reuse their memory are watched: this file counts every `new` of the
-// program.
-#include <atomic>
-#include <cstdlib>
-#include <new>
+// Functions that promise to reuse their memory are watched.
 #include <vector>
 
 #include <gtest/gtest.h>
@@ -11,31 +7,15 @@
 #include "dynslam/features/matcher.hpp"
 #include "dynslam/features/orb.hpp"
 
+#include "allocation_counter.hpp"
 #include "features/support.hpp"
-
-namespace {
-std::atomic<long> allocations{0};
-}
-
-void* operator new(std::size_t size) {
-  ++allocations;
-  if (void* memory = std::malloc(size != 0 ? size : 1)) return memory;
-  throw std::bad_alloc();
-}
-void operator delete(void* memory) noexcept { std::free(memory); }
-void operator delete(void* memory, std::size_t) noexcept { std::free(memory); }
 
 namespace dynslam::features {
 namespace {
 
+using dynslam::testing::Allocations;
+using dynslam::testing::allocations_of;
 using testing::texture;
-
-template <typename Function>
-long allocations_of(const Function& function) {
-  const long before = allocations;
-  function();
-  return allocations - before;
-}
 
 struct Frame {
   cv::Mat image = texture(320, 240, 9);
@@ -47,13 +27,13 @@ struct Frame {
   }
 };
 
-TEST(Allocations, OfASecondExtractionAreNone) {
+TEST_F(Allocations, OfASecondExtractionAreNone) {
   Frame frame;
-  EXPECT_GT(allocations_of([&] { frame.extract(); }), 0);  // the counter counts
+  EXPECT_GT(allocations_of([&] { frame.extract(); }), 0);
   EXPECT_EQ(allocations_of([&] { frame.extract(); }), 0);
 }
 
-TEST(Allocations, OfASecondGridAndASecondWindowMatchAreNone) {
+TEST_F(Allocations, OfASecondGridAndASecondWindowMatchAreNone) {
   Frame frame;
   frame.extract();
   KeypointGrid grid;

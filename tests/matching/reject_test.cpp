@@ -2,9 +2,7 @@
 
 #include <array>
 #include <cstdint>
-#include <cstdlib>
 #include <limits>
-#include <new>
 #include <utility>
 #include <vector>
 
@@ -15,19 +13,6 @@
 #include "dynslam/matching/named_rule.hpp"
 
 #include "matching/synthetic_pairs.hpp"
-
-namespace {
-std::size_t allocations = 0;
-}
-
-// Out of line, or g++ takes new and free for a mismatch.
-[[gnu::noinline]] void* operator new(std::size_t size) {
-  ++allocations;
-  if (void* memory = std::malloc(size == 0 ? 1 : size)) return memory;
-  throw std::bad_alloc();
-}
-[[gnu::noinline]] void operator delete(void* memory) noexcept { std::free(memory); }
-[[gnu::noinline]] void operator delete(void* memory, std::size_t) noexcept { std::free(memory); }
 
 namespace {
 
@@ -218,37 +203,6 @@ TEST(RejectPairs, RefusesListsOfDifferentLength) {
   dm::Workspace workspace;
   EXPECT_THROW(dm::reject_pairs(dm::NullRule(), pairs.points1, pairs.points2, keep, {}, workspace),
                dynslam::InvalidArgument);
-}
-
-TEST(Reject, AllocatesNothingFromTheSecondCallOn) {
-  const synthetic::Pairs pairs = some_pairs(true);
-  Flags keep(pairs.matches.size());
-  Weights weight(pairs.matches.size());
-  const auto everything = dm::chain(dm::RotationConsistency(), dm::FractionOfMode(0.01),
-                                    dm::ContiguousMode(0.01), dm::NullRule(), dm::DefaultRule());
-  dm::Workspace workspace;
-  dm::reject(everything, pairs.matches, pairs.points1, pairs.points2, keep, weight, workspace);
-  const std::size_t before = allocations;
-  dm::reject(everything, pairs.matches, pairs.points1, pairs.points2, keep, weight, workspace);
-  dm::reject(dm::ModalBin(), pairs.matches, pairs.points1, pairs.points2, keep, weight, workspace);
-  EXPECT_EQ(allocations, before);
-}
-
-TEST(Workspace, ReservedAheadIsEnoughForTheFirstCall) {
-  synthetic::Setup setup;
-  setup.matches = 2000;
-  setup.camera.translation << -0.2, 0.0, 0.05;
-  for (const bool angles : {true, false}) {
-    setup.angles = angles;
-    const synthetic::Pairs pairs = synthetic::make_pairs(setup);
-    Flags keep(pairs.matches.size());
-    Weights weight(pairs.matches.size());
-    dm::Workspace workspace(2000);
-    const std::size_t before = allocations;
-    dm::reject(dm::DefaultRule(), pairs.matches, pairs.points1, pairs.points2, keep, weight,
-               workspace);
-    EXPECT_EQ(allocations, before);
-  }
 }
 
 TEST(Workspace, GivesBackWhatAFrameTook) {

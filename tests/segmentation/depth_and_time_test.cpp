@@ -362,7 +362,7 @@ TEST_P(Carried, MaskFollowsAPersonForThreeFrames) {
   EXPECT_EQ(soft.at<float>(5, 5), 0.0F);
 }
 
-INSTANTIATE_TEST_SUITE_P(Depth, Carried, testing::Bool(), [](const auto& test) {
+INSTANTIATE_TEST_SUITE_P(Depth, Carried, ::testing::Bool(), [](const auto& test) {
   return test.param ? "WithDepth" : "WithoutDepth";
 });
 
