@@ -389,7 +389,7 @@ void MaskPropagator::Impl::add(const cv::Mat& image, const cv::Mat& newest_depth
 
 void MaskPropagator::add_frame(const cv::Mat& image, const FrameInfo& frame) {
   impl_->require_next("MaskPropagator::add_frame", image, frame);
-  as_mat(frame.depth).copyTo(impl_->own_depth);
+  if (impl_->options.follow_depth) as_mat(frame.depth).copyTo(impl_->own_depth);
   impl_->add(image, impl_->own_depth, frame);
 }
 

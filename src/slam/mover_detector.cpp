@@ -21,9 +21,11 @@ constexpr std::size_t kMostRemembered = 24;  // frames
 constexpr double kShortestGap = 0.05;        // seconds between remembered frames
 constexpr float kLeastTrust = 0.05F;         // in what does not move as far as is known
 constexpr double kLikely = 0.2;              // log-odds from which users are told that it moves
-constexpr double kMostOfIt = 0.8;            // share of a region known to move that tells of it all
+constexpr double kMostOfIt = 0.9;            // share of a region known to move that tells of it all
+constexpr double kKnown = 0.7;               // share of a region's cells that have to be known
+constexpr double kDoubt = 0.1;               // weight of no evidence: all is shown to users
 constexpr double kOneSurface = 0.015;        // share of depth: a step beyond is a contour to users
-constexpr int kSmallest = 5;                 // cells: movers are seen through gaps, too
+constexpr int kSmallest = 2;                 // cells: movers are seen through gaps, too
 constexpr int kCoarseness = 4;               // strides of the fine grid between coarse samples
 
 }  // namespace
@@ -49,10 +51,12 @@ void MoverDetector::choose_references(const RigidTransform& T_cam_world, double 
   const std::size_t count =
       geometry::choose_depth_references(camera_, timestamp, candidates, choice_options_, chosen);
   chosen_.clear();
+  chosen_gray_.clear();
   for (std::size_t i = 0; i < count; ++i) {
     const auto index = static_cast<std::size_t>(chosen[i]);
     chosen_.push_back({candidates[index].T_cur_ref, &references_[index].cells,
                        timestamp - references_[index].timestamp});
+    chosen_gray_.push_back(as_view<const std::uint8_t>(references_[index].gray_cells));
   }
 }
 
@@ -85,16 +89,20 @@ void MoverDetector::add_hidden(const TrackedFrame& frame) {
   hidden_depth_.create(frame.depth.size(), CV_32FC1);
   hidden_depth_.setTo(0.0F);
   frame.hidden_depth.copyTo(hidden_depth_, frame.mask);
-  choose_references(frame.T_cam_world, frame.timestamp);
   geometry::judge_depth(as_view<const float>(hidden_depth_), camera_, chosen_, consistency_options_,
                         hidden_);
-  whole_ = evidence_;
   for (std::size_t i = 0; i < whole_.log_odds.size(); ++i) {
     whole_.log_odds[i] += hidden_.log_odds[i];
   }
   cv::max(frame.depth, hidden_depth_, whole_depth_);
   geometry::add_mask(as_view<const float>(whole_depth_), as_view<const std::uint8_t>(frame.mask),
                      {}, whole_);
+}
+
+// Depth cannot tell a surface that slides within itself from one that stands still.
+void MoverDetector::add_looks(const TrackedFrame& frame) {
+  geometry::add_appearance(camera_, as_view<const std::uint8_t>(frame.gray_cells), chosen_,
+                           chosen_gray_, consistency_options_, {}, looks_, whole_);
 }
 
 const cv::Mat& MoverDetector::complete(const TrackedFrame& frame,
@@ -104,23 +112,26 @@ const cv::Mat& MoverDetector::complete(const TrackedFrame& frame,
   options.min_cells = kSmallest;
   options.decision = kLikely;
   options.fill_share = kMostOfIt;
+  options.known_share = kKnown;
+  options.doubt = kDoubt;
   options.jump = kOneSurface;
   const bool masked = !frame.mask.empty();
+  choose_references(frame.T_cam_world, frame.timestamp);
+  whole_ = evidence_;
   if (masked) add_hidden(frame);
+  add_looks(frame);
   const auto depth = as_view<const float>(masked ? whole_depth_ : frame.depth);
   completed_.create(frame.depth.size(), CV_8UC1);
-  geometry::grow_regions(depth, masked ? whole_ : evidence_,
-                         field(frame.features->keypoints, &cv::KeyPoint::pt), verdicts, options,
-                         workspace_, as_view<std::uint8_t>(completed_),
+  geometry::grow_regions(depth, whole_, field(frame.features->keypoints, &cv::KeyPoint::pt),
+                         verdicts, options, workspace_, as_view<std::uint8_t>(completed_),
                          as_view<const std::uint8_t>(frame.gray));
   return completed_;
 }
 
-void MoverDetector::remember(const cv::Mat& depth, const RigidTransform& T_cam_world,
-                             double timestamp) {
-  if (!references_.empty() && timestamp - references_.back().timestamp < kShortestGap) return;
-  Reference reference{timestamp, T_cam_world, {}};
-  geometry::build_depth_cells(as_view<const float>(depth), camera_,
+void MoverDetector::remember(const TrackedFrame& frame) {
+  if (!references_.empty() && frame.timestamp - references_.back().timestamp < kShortestGap) return;
+  Reference reference{frame.timestamp, frame.T_cam_world, {}, frame.gray_cells};
+  geometry::build_depth_cells(as_view<const float>(frame.depth), camera_,
                               as_view<const std::uint8_t>(mask_), cells_options_, reference.cells);
   references_.push_back(std::move(reference));
   if (references_.size() > kMostRemembered) thin_out();

@@ -10,6 +10,7 @@
 
 #include "dynslam/core/camera.hpp"
 #include "dynslam/core/rigid_transform.hpp"
+#include "dynslam/geometry/appearance.hpp"
 #include "dynslam/geometry/depth_consistency.hpp"
 #include "dynslam/geometry/reference_choice.hpp"
 #include "dynslam/geometry/region_grow.hpp"
@@ -35,7 +36,7 @@ class MoverDetector {
   void detect(const TrackedFrame& frame, Span<const geometry::FeatureVerdict> verdicts);
 
   /// Keeps the frame just judged as a reference for later ones, under its final pose.
-  void remember(const cv::Mat& depth, const RigidTransform& T_cam_world, double timestamp);
+  void remember(const TrackedFrame& frame);
 
   /// Forgets all references: the poses they were seen from mean nothing any more.
   void clear();
@@ -46,9 +47,10 @@ class MoverDetector {
   void repose(double after, const std::function<RigidTransform(double)>& pose);
 
   /// The mask of the frame that `detect` was last given, with what is likely besides: what
-  /// continues a mover behind something else, and what is under the frame's own mask, fitted to the
-  /// depth, unless earlier frames saw the same there. For users; tracking loses more by a static
-  /// feature let go than by a moving one, whose weight falls soon.
+  /// continues a mover behind something else, what does not look as earlier frames saw it there,
+  /// and what is under the frame's own mask, fitted to the depth, unless earlier frames saw the
+  /// same there. For users; tracking loses more by a static feature let go than by a moving one,
+  /// whose weight falls soon.
   const cv::Mat& complete(const TrackedFrame& frame, Span<const geometry::FeatureVerdict> verdicts);
 
   /// Result of `detect`: CV_8UC1, 0 static, 255 dynamic.
@@ -68,11 +70,14 @@ class MoverDetector {
     double timestamp = 0.0;
     RigidTransform T_cam_world;
     geometry::DepthCells cells;
+    cv::Mat gray_cells;
   };
   void choose_references(const RigidTransform& T_cam_world, double timestamp);
   void thin_out();
   // Writes depth and evidence of the whole frame, what is under its mask included.
   void add_hidden(const TrackedFrame& frame);
+  // Adds to the evidence of the whole frame how its cells look in the references chosen.
+  void add_looks(const TrackedFrame& frame);
 
   DepthCamera camera_;
   geometry::DepthCellsOptions cells_options_;
@@ -81,9 +86,11 @@ class MoverDetector {
   geometry::RegionGrowOptions grow_options_;
   std::deque<Reference> references_;  // oldest first
   std::vector<geometry::DepthReference> chosen_;
+  std::vector<MaskView> chosen_gray_;  // by reference chosen
   geometry::DepthEvidence evidence_, coarse_, hidden_, whole_;
   geometry::CellMemory memory_;
   geometry::RegionGrowWorkspace workspace_;
+  geometry::AppearanceWorkspace looks_;
   cv::Mat mask_, completed_, hidden_depth_, whole_depth_;
   double masked_share_ = 0.0;
 };

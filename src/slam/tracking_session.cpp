@@ -6,6 +6,7 @@
 #include "dynslam/factors/similarity.hpp"
 
 #include "keyframe_similarity.hpp"
+#include "median_depth.hpp"
 #include "stopwatch.hpp"
 
 namespace dynslam::slam {
@@ -253,19 +254,6 @@ void TrackingSession::make_keyframe(FrameResult& result, TrackingLock& lock) {
   if (options_.sensor != Sensor::kRgbd) current_.points = refined->points;  // triangulated ones
 }
 
-// Median distance of the points that the frame shows, along its axis; 0 if it shows none.
-double TrackingSession::median_depth() const {
-  std::vector<double> depths;
-  for (const PointId id : current_.points) {
-    const MapPoint* point = shared_.map.find_point(id);
-    if (point != nullptr) depths.push_back((current_.T_cam_world * point->position).z());
-  }
-  if (depths.empty()) return 0.0;
-  const auto middle = depths.begin() + static_cast<std::ptrdiff_t>(depths.size() / 2);
-  std::nth_element(depths.begin(), middle, depths.end());
-  return *middle;
-}
-
 // Judged from where the last frame is and from where it was said to be: mapping may have moved it
 // since. Corrections by a loop are told by the loops of the result.
 bool TrackingSession::jumped() const {
@@ -273,7 +261,9 @@ bool TrackingSession::jumped() const {
   if (!T_last_world) return false;
   const double dt = current_.timestamp - last_.timestamp;
   const double doubt = velocity_ ? 1.0 : kUnknownVelocity;
-  const double max_way = kPoseNoise * median_depth() + doubt * kMaxAcceleration * dt * dt;
+  const double depth =
+      median_depth(shared_.map, current_.points, current_.T_cam_world).value_or(0.0);
+  const double max_way = kPoseNoise * depth + doubt * kMaxAcceleration * dt * dt;
   const double max_turn = kPoseNoise + doubt * kMaxTurn * dt * dt;
   const RigidTransform expected = se3_exp(velocity_ ? Vector6d(dt * *velocity_) : Vector6d::Zero());
   const auto is_far_from = [&](const RigidTransform& T_before_world) {
@@ -433,7 +423,7 @@ void TrackingSession::step(FrameResult& result) {
   if (located && options_.geometry && !current_.depth.empty()) {
     if (first) find_movers(result, lock);
     tracks_.remember(current_);
-    movers_.remember(current_.depth, current_.T_cam_world, current_.timestamp);
+    movers_.remember(current_);
   }
   shared_.log.add(shared_.map, current_.timestamp,
                   located ? std::optional(current_.T_cam_world) : std::nullopt);

@@ -51,7 +51,6 @@ class TrackingSession {
   bool looks_new() const;
   void make_keyframe(FrameResult& result, TrackingLock& lock);
   void find_movers(FrameResult& result, TrackingLock& lock);
-  double median_depth() const;
   /// Whether the frame is elsewhere than any motion since the last one could have taken it.
   bool jumped() const;
   /// Looks back at the start of the map; true if the camera was elsewhere than it was tracked.

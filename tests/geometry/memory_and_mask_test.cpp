@@ -14,97 +14,6 @@
 namespace dynslam::geometry {
 namespace {
 
-TEST(StaticMemory, RemembersAMoverAndForgivesAParkedCar) {
-  StaticMemory memory;
-  for (int i = 0; i < 4; ++i) memory.update(7, 2.0, 0.1 * i);
-  EXPECT_EQ(memory.verdict(7, 0.4), Verdict::kDynamic);
-  memory.update(7, 0.0, 0.5);  // no test could be made
-  EXPECT_EQ(memory.verdict(7, 0.5), Verdict::kDynamic);
-  double time = 0.5;
-  int frames = 0;
-  while (memory.verdict(7, time) != Verdict::kStatic && frames < 100) {
-    time += 0.1;
-    memory.update(7, -0.7, time);
-    ++frames;
-  }
-  EXPECT_GE(frames, 3);
-  EXPECT_LE(frames, 15);
-}
-
-TEST(StaticMemory, HalvesInItsHalfLifeAndNeverGrowsBackwardsInTime) {
-  StaticMemoryOptions options;
-  options.half_life = 3.0;
-  StaticMemory memory(options);
-  memory.update(1, 2.0, 10.0);
-  EXPECT_NEAR(memory.log_odds(1, 13.0), 1.0, 1e-6);
-  EXPECT_NEAR(memory.log_odds(1, 5.0), 2.0, 1e-6);
-  EXPECT_NEAR(memory.update(1, 0.0, 5.0), 2.0, 1e-6);
-  EXPECT_EQ(memory.log_odds(2, 10.0), 0.0);
-  EXPECT_EQ(memory.verdict(2, 10.0), Verdict::kUnknown);
-}
-
-TEST(StaticMemory, ClampsAndTakesNaNForNoEvidence) {
-  StaticMemory memory;
-  for (int i = 0; i < 100; ++i) memory.update(1, 5.0, 0.0);
-  EXPECT_NEAR(memory.log_odds(1, 0.0), StaticMemoryOptions().max_dynamic, 1e-6);
-  for (int i = 0; i < 100; ++i) memory.update(1, -5.0, 0.0);
-  EXPECT_NEAR(memory.log_odds(1, 0.0), -StaticMemoryOptions().max_static, 1e-6);
-  EXPECT_NEAR(memory.update(1, std::nan(""), 0.0), -StaticMemoryOptions().max_static, 1e-6);
-}
-
-TEST(StaticMemory, UpdatesVerdictsOfMapPointsOnly) {
-  StaticMemory memory;
-  memory.update(5, 4.0, 0.0);
-  std::vector<FeatureVerdict> verdicts(3);
-  verdicts[2].verdict = Verdict::kDynamic;
-  const std::vector<std::uint64_t> ids{5, StaticMemory::kNoId, 6};
-  memory.update(ids, 0.0, verdicts);
-  EXPECT_EQ(verdicts[0].verdict, Verdict::kDynamic);
-  EXPECT_EQ(verdicts[0].reason, Reason::kRemembered);
-  EXPECT_EQ(verdicts[1].reason, Reason::kNoReference);
-  EXPECT_EQ(verdicts[2].verdict, Verdict::kUnknown);  // its log-odds was 0
-  EXPECT_EQ(memory.size(), 2U);
-  EXPECT_THROW(memory.update(Span<const std::uint64_t>(ids).subspan(0, 2), 0.0, verdicts),
-               InvalidArgument);
-}
-
-TEST(StaticMemory, ForgetsOnRequest) {
-  StaticMemory memory;
-  memory.update(1, 1.0, 0.0);
-  memory.update(2, 1.0, 5.0);
-  memory.update(3, 1.0, 6.0);
-  memory.erase(3);
-  memory.erase_older_than(4.0);
-  EXPECT_EQ(memory.size(), 1U);
-  EXPECT_GT(memory.log_odds(2, 5.0), 0.0);
-  memory.clear();
-  EXPECT_EQ(memory.size(), 0U);
-}
-
-TEST(StaticMemory, RefusesEachInvalidOption) {
-  using O = StaticMemoryOptions;
-  for (double O::*member : {&O::half_life, &O::max_dynamic, &O::max_static}) {
-    O options;
-    options.*member = 0.0;
-    EXPECT_THROW(StaticMemory{options}, InvalidArgument);
-  }
-  O options;
-  options.decision = -1.0;
-  EXPECT_THROW(StaticMemory{options}, InvalidArgument);
-  using C = CellMemoryOptions;
-  for (double C::*member : {&C::max_dynamic, &C::max_static}) {
-    C cells;
-    cells.*member = 0.0;
-    EXPECT_THROW(CellMemory{cells}, InvalidArgument);
-  }
-  C cells;
-  cells.retention = 1.0;
-  EXPECT_THROW(CellMemory{cells}, InvalidArgument);
-  cells = C();
-  cells.max_speed = -1.0;
-  EXPECT_THROW(CellMemory{cells}, InvalidArgument);
-}
-
 /// Cells of a depth image, all without an opinion.
 DepthEvidence cells_of(const std::vector<float>& depth) {
   DepthEvidence evidence;
@@ -206,6 +115,28 @@ TEST_F(RegionGrow, FillsTheMoverToItsEdgesFromHalfOfItsCells) {
   EXPECT_NEAR(covered, std::count(mask_.begin(), mask_.end(), 255) / (640.0 * 480.0), 1e-12);
   EXPECT_EQ(std::count(mask_.begin(), mask_.end(), 0) + std::count(mask_.begin(), mask_.end(), 255),
             640 * 480);
+}
+
+TEST_F(RegionGrow, APatchThatIsKnownFillsItsRegionUnlessMoreHasToBeKnown) {
+  set_cells(evidence_, truth_, 0.0F, -1.0F);
+  const std::size_t middle = static_cast<std::size_t>(70 * evidence_.width + 80);
+  ASSERT_NE(truth_[282 * 640 + 322], 0);
+  for (std::size_t x = 0; x < 5; ++x) {
+    for (std::size_t y = 0; y < 5; ++y) evidence_.log_odds[middle + y * 160 + x] = 2.0F;
+  }
+  RegionGrowOptions options;
+  options.reach = 0.02;
+  grow(options);
+  EXPECT_GT(share(mask_, truth_, 255), 0.97);
+  options.known_share = 0.7;
+  grow(options);
+  EXPECT_LT(share(mask_, truth_, 255), 0.5);
+  EXPECT_EQ(mask_[290 * 640 + 330], 255);
+  const double sure = share(mask_, truth_, 255);
+  options.doubt = 1.0;
+  grow(options);
+  EXPECT_LT(share(mask_, truth_, 255), sure);
+  EXPECT_EQ(mask_[290 * 640 + 330], 255);
 }
 
 TEST_F(RegionGrow, DoesNotSwallowFloorAndWalls) {
@@ -460,7 +391,7 @@ TEST_F(RegionGrow, RefusesEachInvalidOption) {
     options.*member = 0.0;
     EXPECT_THROW(grow(options), InvalidArgument);
   }
-  for (double O::*member : {&O::fill_share, &O::max_fill}) {
+  for (double O::*member : {&O::fill_share, &O::known_share, &O::max_fill}) {
     O options;
     options.*member = 1.01;
     EXPECT_THROW(grow(options), InvalidArgument);
@@ -473,6 +404,12 @@ TEST_F(RegionGrow, RefusesEachInvalidOption) {
   EXPECT_THROW(grow(options), InvalidArgument);
   options = O();
   options.feature_weight = -1.0;
+  EXPECT_THROW(grow(options), InvalidArgument);
+  options = O();
+  options.known_share = -0.1;
+  EXPECT_THROW(grow(options), InvalidArgument);
+  options = O();
+  options.doubt = -0.1;
   EXPECT_THROW(grow(options), InvalidArgument);
   options = O();
   options.completion = -1.0;

@@ -1,5 +1,6 @@
 #include "slam/mover_detector.hpp"
 
+#include <cstdint>
 #include <memory>
 
 #include <gtest/gtest.h>
@@ -25,11 +26,28 @@ class MoverDetectorTest : public ::testing::Test {
   }
   static cv::Mat wall() { return {480, 640, CV_32FC1, cv::Scalar(kWall)}; }
 
+  // A painted cloth over the whole image, `slid` cells to the right of where it hung first.
+  static cv::Mat painted_cells(int slid) {
+    cv::Mat cells(480 / kSurfaceCell, 640 / kSurfaceCell, CV_8UC1);
+    for (int y = 0; y < cells.rows; ++y) {
+      for (int x = 0; x < cells.cols; ++x) {
+        const auto patch = static_cast<std::uint32_t>(x - slid) * 2654435761U +
+                           static_cast<std::uint32_t>(y) * 2246822519U;
+        cells.at<std::uint8_t>(y, x) = static_cast<std::uint8_t>((patch ^ patch >> 15) >> 24);
+      }
+    }
+    return cells;
+  }
+
   // Judges the next frame, with `mask` unless it is empty, and keeps it as a reference.
-  cv::Mat show(const cv::Mat& depth, const cv::Mat& mask = {}) {
+  cv::Mat show(const cv::Mat& depth, const cv::Mat& mask = {}, const cv::Mat& gray_cells = {}) {
     TrackedFrame frame;
     frame.reset(std::make_shared<FrameFeatures>(), time_ += 0.5);
     frame.gray = cv::Mat(depth.size(), CV_8UC1, cv::Scalar(128));
+    frame.gray_cells = gray_cells;
+    if (gray_cells.empty()) {
+      frame.gray_cells = cv::Mat(depth.size() / kSurfaceCell, CV_8UC1, cv::Scalar(128));
+    }
     frame.mask = mask;
     if (mask.empty()) {
       frame.depth = depth;
@@ -37,7 +55,7 @@ class MoverDetectorTest : public ::testing::Test {
       split_depth(depth, mask, frame.depth, frame.hidden_depth);
     }
     detector_.detect(frame, {});
-    detector_.remember(frame.depth, frame.T_cam_world, frame.timestamp);
+    detector_.remember(frame);
     return detector_.complete(frame, {});
   }
 
@@ -93,6 +111,26 @@ TEST_F(MoverDetectorTest, AMaskOverWhatHasJustArrivedIsBelieved) {
   const cv::Mat found = show(now, mask);
   EXPECT_GT(share(found, person), 0.99);
   EXPECT_LT(cv::countNonZero(found), 1.05 * person.area());
+}
+
+TEST_F(MoverDetectorTest, WhatSlidesWithinItsPlaneIsToldByItsLooksAlone) {
+  const cv::Rect curtain(200, 160, 160, 160);
+  cv::Mat depth = wall();
+  depth(curtain).setTo(2.0F);
+  const cv::Rect cells(curtain.x / kSurfaceCell, curtain.y / kSurfaceCell,
+                       curtain.width / kSurfaceCell, curtain.height / kSurfaceCell);
+  cv::Mat gray_cells = painted_cells(0);
+  cv::Mat found;
+  for (int i = 0; i < 6; ++i) found = show(depth, {}, gray_cells);
+  EXPECT_EQ(cv::countNonZero(found), 0);
+  for (int i = 1; i <= 6; ++i) {
+    gray_cells = painted_cells(0);
+    painted_cells(2 * i)(cells).copyTo(gray_cells(cells));
+    found = show(depth, {}, gray_cells);
+  }
+  EXPECT_EQ(cv::countNonZero(detector_.mask()), 0);
+  EXPECT_GT(share(found, curtain), 0.9);
+  EXPECT_LT(cv::countNonZero(found), 1.1 * curtain.area());
 }
 
 }  // namespace

@@ -18,10 +18,14 @@ struct RegionGrowOptions {
   double reach = 0.25;      ///< metres along the surface over which evidence is shared, > 0
   double fill_share = 0.5;  ///< share of dynamic among the judged cells of a depth-connected
                             ///< region that makes the whole region dynamic, (0, 1]
-  double max_fill = 0.35;   ///< share of the image that such a region may cover, (0, 1]: floors and
-                            ///< walls are larger
-  int min_cells = 12;       ///< smaller dynamic patches are noise, >= 1
-  double decision = 0.4;    ///< shared log-odds that makes a cell dynamic, > 0
+  double known_share = 0.0;  ///< share of all the region's cells that must be dynamic for that,
+                             ///< [0, 1]: little evidence does not tell of a large surface
+  double max_fill = 0.35;  ///< share of the image that such a region may cover, (0, 1]: floors and
+                           ///< walls are larger
+  int min_cells = 12;      ///< smaller dynamic patches are noise, >= 1
+  double decision = 0.4;   ///< shared log-odds that makes a cell dynamic, > 0
+  double doubt = 0.02;     ///< weight of no evidence in what is shared, >= 0: how soon what flows
+                           ///< along a surface of which nothing is known fades; engineering
   double feature_weight = 4.0;  ///< cells' worth of a feature's verdict, >= 0; engineering
   /// Log-odds, >= 0: what the surfaces that continue a region behind something add to it; surer
   /// regions are not asked about. 0: sure masks only, without what is seen through gaps and with

@@ -122,8 +122,8 @@ inline std::uint8_t voted_label(ImageView<const float> depth, ImageView<const st
 inline std::uint8_t alike_label(ImageView<const float> depth, ImageView<const std::uint8_t> guide,
                                 ImageView<std::uint8_t> mask, int x, int y, std::uint8_t fallback) {
   constexpr int kReach = 3;  // pixels
-  // Of likeness (0..1) and of what each touching pixel adds: a logistic fit, engineering.
-  constexpr float kDecision = 0.7F, kTouch = 0.13F;
+  // Of likeness (0..1) and of what each touching pixel adds: a logistic fit, readily dynamic.
+  constexpr float kDecision = 0.6F, kTouch = 0.13F;
   Surroundings sides[2];  // static, dynamic
   for (int v = std::max(0, y - kReach); v <= std::min(mask.height - 1, y + kReach); ++v) {
     for (int u = std::max(0, x - kReach); u <= std::min(mask.width - 1, x + kReach); ++u) {

@@ -21,9 +21,12 @@ inline void RegionGrowOptions::validate() const {
   require(std::isfinite(reach) && reach > 0.0, me, "reach", reach, "a positive number");
   require(fill_share > 0.0 && fill_share <= 1.0, me, "fill_share", fill_share,
           "a number in (0, 1]");
+  require(known_share >= 0.0 && known_share <= 1.0, me, "known_share", known_share,
+          "a number in [0, 1]");
   require(max_fill > 0.0 && max_fill <= 1.0, me, "max_fill", max_fill, "a number in (0, 1]");
   require(min_cells >= 1, me, "min_cells", min_cells, "at least 1");
   require(std::isfinite(decision) && decision > 0.0, me, "decision", decision, "a positive number");
+  require(std::isfinite(doubt) && doubt >= 0.0, me, "doubt", doubt, "a finite number >= 0");
   require(std::isfinite(feature_weight) && feature_weight >= 0.0, me, "feature_weight",
           feature_weight, "a finite number >= 0");
   require(std::isfinite(completion) && completion >= 0.0, me, "completion", completion,
@@ -50,6 +53,7 @@ inline void fill_regions(const DepthEvidence& e, const RegionGrowOptions& o,
       dynamic += w.label[k] != 0 ? 1 : 0;
     }
     if (dynamic < o.fill_share * judged) continue;
+    if (dynamic < o.known_share * static_cast<double>(w.queue.size())) continue;
     if (static_cast<double>(w.queue.size()) > o.max_fill * cells) continue;
     for (const int i : w.queue) w.label[static_cast<std::size_t>(i)] = 255;
   }
@@ -177,8 +181,10 @@ inline double grow_regions(ImageView<const float> depth, const DepthEvidence& ev
 
   detail::link_cells(evidence, static_cast<float>(options.jump), w.right, w.down);
   detail::share_evidence(evidence, options.reach, w);
+  const auto decision = static_cast<float>(options.decision);
+  const auto doubt = static_cast<float>(options.doubt);
   for (std::size_t i = 0; i < cells; ++i) {
-    const bool dynamic = w.sum[i] > static_cast<float>(options.decision) * (w.weight[i] + 0.02F);
+    const bool dynamic = w.sum[i] > decision * (w.weight[i] + doubt);
     w.label[i] = dynamic ? 255 : 0;
   }
   detail::fill_regions(evidence, options, w);
