@@ -35,7 +35,7 @@ void SceneOptions::validate() const {
        {std::pair("camera.width", camera.width), std::pair("camera.height", camera.height)}) {
     require(pixels >= 16 && pixels <= 8192, kName, side, pixels, "16 to 8192 pixels");
   }
-  require(motion >= CameraMotion::kHandHeld && motion <= CameraMotion::kSideways, kName, "motion",
+  require(motion >= CameraMotion::kHandHeld && motion <= CameraMotion::kRound, kName, "motion",
           static_cast<int>(motion), "one of CameraMotion");
   require(camera_speed >= 0.0 && camera_speed <= 4.0, kName, "camera_speed", camera_speed,
           "0 to 4");

@@ -19,6 +19,8 @@ constexpr double kDegree = kPi / 180.0;
 
 // Where the camera hovers (metres), and how it looks: slightly down.
 constexpr double kHomeX = 0.0, kHomeY = -1.45, kHomeZ = 1.35, kHomePitch = -7.0 * kDegree;
+// The middle of the circle that kRound goes (metres), and how long a turn takes (seconds).
+constexpr double kRoundY = -0.8, kRoundRadius = 0.5, kRoundPeriod = 20.0;
 
 Eigen::Matrix3d turn_y(double angle) {
   return Eigen::AngleAxisd(angle, Vector3d::UnitY()).toRotationMatrix();
@@ -127,6 +129,12 @@ RigidTransform Motion::T_world_cam(double t) const {
       return looking(home, Wave{24 * kDegree, 0.125, 0.0}.at(c),
                      kHomePitch + Wave{6 * kDegree, 0.171, 0.7}.at(c),
                      Wave{3 * kDegree, 0.213, 0.3}.at(c));
+    case CameraMotion::kRound: {
+      const double yaw = 2.0 * kPi * c / kRoundPeriod;
+      const Vector3d outwards(-std::sin(yaw), std::cos(yaw), 0.0);
+      return looking(Vector3d(kHomeX, kRoundY, kHomeZ) + kRoundRadius * outwards, yaw,
+                     kHomePitch + Wave{3 * kDegree, 0.171, 0.7}.at(c), 0.0);
+    }
     case CameraMotion::kForward: {
       const RigidTransform T = looking(home, 0.0, kHomePitch, 0.0);
       return {T.R, T.t + Wave{0.4, 0.11, 0.0}.at(c) * T.R.col(2)};

@@ -17,6 +17,7 @@
 
 #include "factors/ceres_keyframe_cost.hpp"
 #include "factors/ceres_routes.hpp"
+#include "factors/ceres_solver.hpp"
 #include "factors/observations.hpp"
 
 namespace dynslam::factors {
@@ -226,9 +227,7 @@ BundleSummary Route::run() {
   const bool dense =
       options_.weights != WeightMode::kJoint && free_keyframes <= options_.ceres_dense_keyframes;
   solver.linear_solver_type = dense ? ceres::DENSE_SCHUR : ceres::SPARSE_SCHUR;
-  solver.sparse_linear_algebra_library_type = ceres::EIGEN_SPARSE;
-  if (ceres::IsSparseLinearAlgebraLibraryTypeAvailable(ceres::SUITE_SPARSE))
-    solver.sparse_linear_algebra_library_type = ceres::SUITE_SPARSE;
+  solver.sparse_linear_algebra_library_type = best_sparse_library();
   solver.linear_solver_ordering = ordering;
   solver.jacobi_scaling = false;  // the damping is scaled by the diagonal as it is
   solver.max_num_iterations = options_.max_iterations;
@@ -246,20 +245,7 @@ BundleSummary Route::run() {
   }
   summary.linear_solver = schur_name(result);
   summary.iterations = static_cast<int>(result.iterations.size()) - 1;
-  switch (result.termination_type) {
-    case ceres::CONVERGENCE:
-      summary.status = SolveStatus::kConverged;
-      break;
-    case ceres::USER_SUCCESS:
-      summary.status = SolveStatus::kAborted;
-      break;
-    case ceres::NO_CONVERGENCE:
-      summary.status = SolveStatus::kMaxIterations;
-      break;
-    default:
-      summary.status = SolveStatus::kDegenerate;
-      break;
-  }
+  summary.status = status_of(result);
   summary.final_cost = cost();
   write_back(&summary);
   return summary;

@@ -9,6 +9,8 @@
 #include "dynslam/factors/ceres.hpp"
 #include "dynslam/factors/pose_graph.hpp"
 
+#include "factors/ceres_solver.hpp"
+
 namespace dynslam::factors {
 namespace {
 
@@ -108,9 +110,7 @@ PoseGraphSummary run(Span<Node> nodes, Span<const Edge> edges, Span<const std::u
   }
   ceres::Solver::Options solver;
   solver.linear_solver_type = ceres::SPARSE_NORMAL_CHOLESKY;
-  solver.sparse_linear_algebra_library_type = ceres::EIGEN_SPARSE;
-  if (ceres::IsSparseLinearAlgebraLibraryTypeAvailable(ceres::SUITE_SPARSE))
-    solver.sparse_linear_algebra_library_type = ceres::SUITE_SPARSE;
+  solver.sparse_linear_algebra_library_type = best_sparse_library();
   solver.max_num_iterations = options.max_iterations;
   solver.function_tolerance = options.cost_tolerance;
   solver.gradient_tolerance = 1e-14;
@@ -123,17 +123,8 @@ PoseGraphSummary run(Span<Node> nodes, Span<const Edge> edges, Span<const std::u
   summary.final_cost = result.final_cost;
   summary.iterations = static_cast<int>(result.iterations.size()) - 1;
   summary.linear_solver = cholesky_name(result);
-  switch (result.termination_type) {
-    case ceres::CONVERGENCE:
-      summary.status = SolveStatus::kConverged;
-      break;
-    case ceres::NO_CONVERGENCE:
-      summary.status = SolveStatus::kMaxIterations;
-      break;
-    default:
-      summary.status = SolveStatus::kDegenerate;
-      return summary;
-  }
+  summary.status = status_of(result);
+  if (summary.status == SolveStatus::kDegenerate) return summary;
   for (std::size_t i = 0; i < nodes.size(); ++i) {
     const double* block = parameter_block(state[i]);
     if (problem.HasParameterBlock(block) && !problem.IsParameterBlockConstant(block))

@@ -2,6 +2,8 @@
 
 #include <algorithm>
 
+#include "median_depth.hpp"
+
 namespace dynslam::slam {
 namespace {
 
@@ -10,17 +12,9 @@ using factors::Similarity;
 constexpr int kManyShared = 100;         // points that make an edge beside the spanning tree
 constexpr double kLeastParallax = 0.01;  // between keyframes from one place, so that scale is bound
 
-// Median distance of a keyframe's points along its axis; 1 m if it has none.
+// Of a keyframe's points; 1 m if it has none.
 double depth_of(const Map& map, const Keyframe& keyframe) {
-  std::vector<double> depths;
-  for (const PointId id : keyframe.points) {
-    const MapPoint* point = map.find_point(id);
-    if (point != nullptr) depths.push_back((keyframe.T_cam_world * point->position).z());
-  }
-  if (depths.empty()) return 1.0;
-  const auto middle = depths.begin() + static_cast<std::ptrdiff_t>(depths.size() / 2);
-  std::nth_element(depths.begin(), middle, depths.end());
-  return std::max(*middle, 1e-3);
+  return std::max(median_depth(map, keyframe.points, keyframe.T_cam_world).value_or(1.0), 1e-3);
 }
 
 }  // namespace

@@ -1,8 +1,9 @@
 #include "loop_scale.hpp"
 
-#include <algorithm>
 #include <cmath>
 #include <cstddef>
+
+#include "median.hpp"
 
 namespace dynslam::slam {
 namespace {
@@ -11,12 +12,6 @@ constexpr std::size_t kMinPoints = 20;
 constexpr double kMaxError = 0.02;             // standard error of the logarithm
 constexpr double kDeviationOfMedian = 1.4826;  // of a normal distribution over that of the median
 constexpr double kErrorOfMedian = 1.2533;      // of a median over that of a mean
-
-double median(std::vector<double>& values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
 
 }  // namespace
 

@@ -8,6 +8,8 @@
 #include "dynslam/core/so3.hpp"
 #include "dynslam/features/hamming.hpp"
 
+#include "median_depth.hpp"
+
 namespace dynslam::slam {
 namespace {
 
@@ -46,17 +48,10 @@ void PointTriangulator::collect(const Keyframe& keyframe, Candidates& candidates
 
 bool PointTriangulator::is_far_enough(const Map& map, const Keyframe& keyframe,
                                       const Keyframe& neighbour) const {
-  std::vector<double> depths;
-  for (const PointId id : neighbour.points) {
-    const MapPoint* point = map.find_point(id);
-    if (point != nullptr) depths.push_back((neighbour.T_cam_world * point->position).z());
-  }
-  if (depths.empty()) return false;
-  const auto middle = depths.begin() + static_cast<std::ptrdiff_t>(depths.size() / 2);
-  std::nth_element(depths.begin(), middle, depths.end());
+  const std::optional<double> depth = median_depth(map, neighbour.points, neighbour.T_cam_world);
   const double baseline =
       (keyframe.T_cam_world.inverse().t - neighbour.T_cam_world.inverse().t).norm();
-  return baseline > kMinBaselineShare * *middle;
+  return depth && baseline > kMinBaselineShare * *depth;
 }
 
 // Nearest descriptor among the features near each epipolar line.

@@ -4,6 +4,8 @@
 #include <cmath>
 #include <limits>
 
+#include "median.hpp"
+
 namespace dynslam::slam {
 namespace {
 
@@ -21,9 +23,7 @@ void ResidualNoise::add(const PinholeCamera& camera, const Eigen::Vector3d& X,
 
 double ResidualNoise::standard_deviation() {
   if (squared_.size() < kFewest) return std::numeric_limits<double>::quiet_NaN();
-  const auto middle = squared_.begin() + static_cast<std::ptrdiff_t>(squared_.size() / 2);
-  std::nth_element(squared_.begin(), middle, squared_.end());
-  return std::sqrt(*middle / (2.0 * std::log(2.0)));
+  return std::sqrt(median(squared_) / (2.0 * std::log(2.0)));
 }
 
 double ResidualNoise::noise_to_weigh_by() {

@@ -12,6 +12,8 @@
 #include "dynslam/core/errors.hpp"
 #include "dynslam/features/hamming.hpp"
 
+#include "median.hpp"
+
 namespace dynslam::slam {
 namespace {
 
@@ -180,9 +182,7 @@ void StereoMatcher::match(GrayView left, GrayView right, Span<const cv::KeyPoint
     sorted.push_back(fit.difference);
   }
   if (sorted.empty()) return;
-  const auto middle = sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2);
-  std::nth_element(sorted.begin(), middle, sorted.end());
-  const auto bound = static_cast<float>(options_.max_difference_ratio) * *middle;
+  const auto bound = static_cast<float>(options_.max_difference_ratio) * median(sorted);
   for (std::size_t i = 0; i < fits.size(); ++i) {
     if (fits[i] > bound) right_columns[i] = std::numeric_limits<float>::quiet_NaN();
   }

@@ -6,12 +6,15 @@
 #include <utility>
 
 #include <Eigen/LU>
+#include <Eigen/SVD>
 #include <opencv2/calib3d.hpp>
 #include <opencv2/core.hpp>
 #include <opencv2/core/eigen.hpp>
 
 #include "dynslam/core/errors.hpp"
 
+#include "median.hpp"
+#include "motion_valleys.hpp"
 #include "two_view_motion.hpp"
 
 namespace dynslam::slam {
@@ -21,7 +24,7 @@ using Eigen::Matrix3d;
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-constexpr double kSamePoseDeg = 5.0;  // motions nearer than this are one
+constexpr std::size_t kValleys = 4;  // motions beside those of the two models
 constexpr double kConfidence = 0.9999;
 
 struct Model {
@@ -139,35 +142,43 @@ std::vector<RigidTransform> TwoViewProblem::motions_of(const Model& model, bool 
   return motions;
 }
 
-bool is_same(const RigidTransform& a, const RigidTransform& b) {
-  const double between = std::atan2(a.t.cross(b.t).norm(), a.t.dot(b.t));
-  return std::max(rotation_angle(a.R, b.R), between) < kSamePoseDeg * 3.14159265358979 / 180.0;
+// Of a homography: the rotation nearest to it, which is off by what parallax makes of a turn.
+Matrix3d rotation_of(const Matrix3d& H, const Matrix3d& K) {
+  const Eigen::JacobiSVD<Matrix3d> svd(K.inverse() * H * K,
+                                       Eigen::ComputeFullU | Eigen::ComputeFullV);
+  const Matrix3d R = svd.matrixU() * svd.matrixV().transpose();
+  return R.determinant() < 0.0 ? Matrix3d(-R) : R;
 }
 
-// The candidates that are supported at all compete after refinement: only there can the likelihoods
-// of two valleys be compared.
+// The candidates that are supported compete after refinement: only there can the likelihoods of two
+// valleys be compared. A step that is smaller than another says explains the matches, too, if it is
+// as likely, however few of its points have parallax.
 TwoViewStatus TwoViewProblem::choose(const std::vector<RigidTransform>& candidates,
                                      TwoViewMotion& best) const {
   std::vector<TwoViewMotion> motions;
   std::size_t most = 0;
+  double likeliest = 0.0;
   for (const RigidTransform& candidate : candidates) {
     motions.push_back(judge_motion(camera_, matches_, candidate, options_));
     most = std::max(most, motions.back().good);
+    likeliest = std::max(likeliest, motions.back().likelihood);
   }
   if (most < static_cast<std::size_t>(options_.min_points)) {
     return TwoViewStatus::kTooLittleParallax;
   }
   std::vector<TwoViewMotion> refined;
   for (const TwoViewMotion& motion : motions) {
-    if (motion.good < most / 2) continue;
+    const bool likely = motion.likelihood >= likeliest - options_.min_likelihood_gap;
+    if (motion.good < most / 2 && !likely) continue;
     refined.push_back(refine_motion(camera_, matches_, motion, options_));
+    if (refined.back().likelihood < motion.likelihood) refined.back() = motion;
   }
   std::stable_sort(
       refined.begin(), refined.end(),
       [](const TwoViewMotion& a, const TwoViewMotion& b) { return a.likelihood > b.likelihood; });
   best = refined.front();
   for (std::size_t i = 1; i < refined.size(); ++i) {
-    if (is_same(refined[i].T_second_first, best.T_second_first)) continue;
+    if (same_valley(refined[i].T_second_first, best.T_second_first)) continue;
     if (best.likelihood - refined[i].likelihood < options_.min_likelihood_gap) {
       return TwoViewStatus::kAmbiguous;
     }
@@ -180,9 +191,7 @@ void set_median_depth(TwoViewReconstruction& result) {
   for (std::size_t i = 0; i < result.good.size(); ++i) {
     if (result.good[i] != 0) depths.push_back(result.points[i].z());
   }
-  const auto middle = depths.begin() + static_cast<std::ptrdiff_t>(depths.size() / 2);
-  std::nth_element(depths.begin(), middle, depths.end());
-  const double scale = 1.0 / *middle;
+  const double scale = 1.0 / median(depths);
   result.T_second_first.t *= scale;
   for (Vector3d& point : result.points) point *= scale;
 }
@@ -197,9 +206,16 @@ void TwoViewProblem::solve(TwoViewReconstruction& result) {
   result.homography_share = models[1].score / sum;
   const bool plane = !models[0].found || result.homography_share > options_.homography_share;
   result.model = plane ? TwoViewModel::kHomography : TwoViewModel::kEssential;
+  // All compete whichever model wins: near a plane two explain the matches about as well, over a
+  // small step many, and a random sample may have found a wrong one only.
   std::vector<RigidTransform> candidates = motions_of(models[0], false);
-  if (plane) {
-    for (const RigidTransform& motion : motions_of(models[1], true)) candidates.push_back(motion);
+  for (const RigidTransform& motion : motions_of(models[1], true)) candidates.push_back(motion);
+  if (models[1].found) {
+    const Matrix3d R = rotation_of(models[1].matrix, K_);
+    for (const RigidTransform& T : motion_valleys(camera_, matches_, R, kValleys)) {
+      candidates.push_back(T);
+      candidates.emplace_back(T.R, -T.t);
+    }
   }
   TwoViewMotion motion;
   result.status = choose(candidates, motion);
@@ -209,6 +225,8 @@ void TwoViewProblem::solve(TwoViewReconstruction& result) {
   if (static_cast<double>(motion.good) < options_.min_front_share * decided) return;
   result.status = TwoViewStatus::kTooLittleParallax;
   if (motion.wide < min_points) return;
+  const auto explained = static_cast<double>(motion.explained);
+  if (static_cast<double>(motion.good) < options_.min_point_share * explained) return;
   result.direction_deg = direction_uncertainty_deg(camera_, matches_, motion);
   if (result.direction_deg > options_.max_direction_deg) return;
   result.status = TwoViewStatus::kOk;
@@ -262,6 +280,7 @@ void TwoViewOptions::validate() const {
   require(max_direction_deg > 0.0, kName, "max_direction_deg", max_direction_deg,
           "a positive angle in degrees");
   share("min_front_share", min_front_share);
+  share("min_point_share", min_point_share);
   require(max_iterations >= 1, kName, "max_iterations", max_iterations, "at least 1");
 }
 

@@ -68,11 +68,13 @@ TwoViewMotion judge_motion(const PinholeCamera& camera, const std::vector<PixelM
     TriangulatedPoint& point = motion.points[i];
     point = triangulate(camera, {RigidTransform(), m.first, m.first_scale},
                         {T_second_first, m.second, m.second_scale}, tests);
+    const double error = sampson(F, m);
+    if (error < kChi2Line) ++motion.explained;
     if (point.status == TriangulationStatus::kBehindCamera) {
-      if (sampson(F, m) < kChi2Line) ++motion.contrary;
+      if (error < kChi2Line) ++motion.contrary;
       continue;
     }
-    motion.likelihood += kChi2Line - std::min(sampson(F, m), kChi2Line);
+    motion.likelihood += kChi2Line - std::min(error, kChi2Line);
     if (!point.ok()) continue;
     ++motion.good;
     if (point.parallax_deg >= options.min_parallax_deg) ++motion.wide;

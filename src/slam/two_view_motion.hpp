@@ -28,6 +28,7 @@ struct TwoViewMotion {
   RigidTransform T_second_first;          ///< |t| = 1
   std::vector<TriangulatedPoint> points;  ///< by match
   std::size_t good = 0;                   ///< with enough parallax, in front, small errors
+  std::size_t explained = 0;              ///< on their lines, with parallax or without
   std::size_t contrary = 0;               ///< with enough parallax, but behind a camera
   std::size_t wide = 0;                   ///< good ones with min_parallax_deg
   double likelihood = 0.0;                ///< sum of truncated squared errors that it avoids

@@ -7,6 +7,7 @@
 #include "dynslam/core/so3.hpp"
 
 #include "matrix6.hpp"
+#include "median.hpp"
 
 namespace dynslam::slam {
 namespace {
@@ -95,13 +96,6 @@ void look(const SurfaceGrid& a, const SurfaceGrid& b, const PinholeCamera& camer
       if (b.points[j].z() != 0.0F) sightings.add(a, i, b, j, p);
     }
   }
-}
-
-float median(std::vector<float>& values) {
-  if (values.empty()) return 0.0F;
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
 }
 
 // Worth of the partners: whole if they are as bright as the change of exposure lets expect.
@@ -305,7 +299,7 @@ SurfaceFit measure_fit(const SurfaceGrid& from, const SurfaceGrid& to, const Pin
   if (points == 0) return fit;
   std::vector<float> differences;
   for (const auto& partner : there.partners) differences.push_back(partner.difference);
-  const float exposure = median(differences);
+  const float exposure = differences.empty() ? 0.0F : median(differences);
   fit.agree = (worth(there, exposure) + worth(back, -exposure)) / points;
   fit.conflict = static_cast<double>(there.conflict + back.conflict) / points;
   fit.behind = static_cast<double>(there.behind + back.behind) / points;

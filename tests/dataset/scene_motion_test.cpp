@@ -8,6 +8,7 @@
 #include <opencv2/core.hpp>
 
 #include "dynslam/core/errors.hpp"
+#include "dynslam/core/so3.hpp"
 #include "dynslam/dataset/scene.hpp"
 
 #include "dataset/scene_testing.hpp"
@@ -110,6 +111,20 @@ TEST(RenderedScene, SidewaysMotionIsAlongTheImageRows) {
   EXPECT_LT((step.R - Eigen::Matrix3d::Identity()).norm(), 1e-12);
   EXPECT_LT(step.t.tail<2>().norm(), 1e-12);
   EXPECT_GT(step.t.x(), 0.05);
+}
+
+TEST(RenderedScene, RoundMotionTurnsOnceAndComesBack) {
+  SceneOptions options = small();
+  options.motion = CameraMotion::kRound;
+  const RenderedScene scene(options);
+  double turned = 0.0;
+  for (std::size_t i = 60; i < 660; ++i) {  // 20 s, once the quiet beginning is over
+    const RigidTransform step = scene.T_world_cam(i).inverse() * scene.T_world_cam(i + 1);
+    turned += so3_log(step.R).norm();
+  }
+  EXPECT_NEAR(turned, 2.0 * std::acos(-1.0), 0.2);
+  EXPECT_LT((scene.T_world_cam(60).t - scene.T_world_cam(660).t).norm(), 1e-9);
+  EXPECT_NEAR((scene.T_world_cam(60).t - scene.T_world_cam(360).t).norm(), 1.0, 1e-9);
 }
 
 TEST(RenderedScene, NothingMovesAtSpeedZero) {

@@ -151,7 +151,7 @@ TEST(System, MoversHoldTheMaskFittedToTheDepth) {
     wrongly += cv::countNonZero(mask & (frame.mask == 0));
   }
   EXPECT_GT(found, given);
-  EXPECT_LT(wrongly, found / 10);
+  EXPECT_LT(wrongly, found / 8);
 }
 
 TEST(System, TellsNothingOfMoversWithoutGeometry) {

@@ -28,6 +28,7 @@ enum class CameraMotion {
   kPureRotation,  ///< turns about its own centre (yaw and pitch); the centre does not move at all
   kForward,       ///< to and fro along the optical axis, no rotation
   kSideways,      ///< to and fro along the camera's x axis, no rotation
+  kRound,         ///< round a circle of half a metre, looking outwards; a turn takes 20 s
 };
 
 /// Labels in `Frame::mask` of a rendered scene.

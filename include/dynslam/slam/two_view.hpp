@@ -56,6 +56,11 @@ struct TwoViewOptions {
   /// Share of a model's matches with enough parallax that must lie in front of both cameras under
   /// the motion, (0, 1]. Engineering.
   double min_front_share = 0.75;
+  /// Share of the matches on their epipolar lines that must have become points, (0, 1]: where much
+  /// shows no parallax at all, the camera may stand still and what has some may move by itself.
+  /// Engineering: a road with trees far ahead leaves three in four, people who walk before a room
+  /// half.
+  double min_point_share = 0.67;
   /// Most random samples of each model, >= 1.
   int max_iterations = 2000;
 
@@ -80,22 +85,24 @@ struct TwoViewReconstruction {
 /// Relative pose and points of matched pixels (columns of `first` and `second`), up to scale.
 ///
 /// A homography and an essential matrix are estimated by RANSAC and scored by their symmetric
-/// errors, each truncated at 95 % and counted as Gamma - s (Gamma = 5.991); the winner is
-/// decomposed into at most four motions (those of the essential matrix always compete). Each that
-/// is supported is refined by bundle adjustment of both views; then the likeliest must be clear of
-/// every other, put enough points in front of both cameras with enough parallax, and leave the
-/// direction of translation in little doubt. Points that fail the tests of `triangulate` are
-/// dropped. A plane that two motions explain is refused. `first_scales`, `second_scales`: side of
-/// each match's pyramid level in the first and the second image, its standard deviation in pixels;
-/// empty: 1.
+/// errors, each truncated at 95 % and counted as Gamma - s (Gamma = 5.991), which tells the model.
+/// The at most four motions of each compete with up to four valleys of the epipolar errors, found
+/// by descent from directions all around: over a small step, or before a plane, random samples may
+/// lead to a wrong motion only. Each that is supported is refined by bundle adjustment of both
+/// views; then the likeliest must be clear of every other, put enough points in front of both
+/// cameras with enough parallax, leave the direction of translation in little doubt, and not most
+/// of what it explains without parallax. Points that fail the tests of `triangulate` are dropped. A
+/// plane that two motions explain is refused.
+/// `first_scales`, `second_scales`: side of each match's pyramid level in the first and the second
+/// image, its standard deviation in pixels; empty: 1.
 ///
 /// Anything but kOk leaves `points`, `good` and the motion without meaning. Columns with NaN never
 /// take part. Throws InvalidArgument for an invalid camera or options and for sizes that differ.
 /// O(iterations * matches), allocates. Thread-safe, deterministic.
 /// Source: Mur-Artal, Montiel, Tardos, "ORB-SLAM: a versatile and accurate monocular SLAM system",
 /// T-RO 2015, section IV. Departures: the calibrated essential matrix by five points in place of
-/// the fundamental by eight, likelihoods after refinement in place of counts, the test of
-/// certainty.
+/// the fundamental by eight, the search for all motions, likelihoods after refinement in place of
+/// counts, the test of certainty.
 TwoViewReconstruction reconstruct_two_views(const PinholeCamera& camera, const Points2d& first,
                                             const Points2d& second,
                                             Span<const float> first_scales = {},
