@@ -98,7 +98,9 @@ std::vector<Job> jobs_of(const AblationPlan& plan, const fs::path& folder) {
   std::vector<Job> jobs;
   for (std::size_t s = 0; s < plan.sequences.size(); ++s) {
     const SequenceFlags& input = plan.sequences[s];
-    const std::string sequence = open_sequence(input)->name();
+    const std::unique_ptr<dataset::Sequence> opened = open_sequence(input);
+    tell_left_out(*opened);
+    const std::string sequence = opened->name();
     for (const std::string& system : plan.systems) {
       std::vector<std::string> variants = {""};
       for (const slam::Part part : slam::composition(system).parts()) {

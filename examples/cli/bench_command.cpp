@@ -82,7 +82,7 @@ std::vector<fs::path> find_programs(const BenchFlags& flags) {
     std::vector<fs::path> found = programs_in(folder);
     if (!found.empty()) return found;
   }
-  throw_io_error(flags.programs.empty() ? "dynslam bench" : flags.programs.string(),
+  throw_io_error(flags.programs.empty() ? "bench" : flags.programs.string(),
                  "no benchmark programs; build them with `cmake --preset bench && cmake --build "
                  "--preset bench`, or name their folder with --programs");
 }
@@ -246,8 +246,7 @@ int run(const BenchFlags& flags) {
   const BenchRun result = run_programs(flags);
   if (result.cases.empty()) {
     if (!result.problems.empty()) throw IoError(result.problems.front());
-    throw_invalid_argument("dynslam bench", "FILTER", flags.filter,
-                           "a room, or a part of a case's name");
+    throw_invalid_argument("bench", "FILTER", flags.filter, "a room, or a part of a case's name");
   }
   if (flags.json) {
     std::cout << to_json(result).dump(2) << '\n';

@@ -1,4 +1,3 @@
-#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <cstdio>
@@ -11,6 +10,7 @@
 #include <nlohmann/json.hpp>
 
 #include "dynslam/core/errors.hpp"
+#include "dynslam/evaluation/metrics.hpp"
 
 #include "commands.hpp"
 #include "loops_session.hpp"
@@ -19,13 +19,6 @@ namespace dynslam::cli {
 namespace {
 
 using json = nlohmann::json;
-
-double percentile(std::vector<double> values, double share) {
-  if (values.empty()) return 0.0;
-  const auto at = static_cast<std::size_t>(share * static_cast<double>(values.size() - 1) + 0.5);
-  std::nth_element(values.begin(), values.begin() + static_cast<std::ptrdiff_t>(at), values.end());
-  return values[at];
-}
 
 json report_of(const LoopsOutcome& outcome) {
   const evaluation::LoopScores& scores = outcome.scores;
@@ -44,14 +37,14 @@ json report_of(const LoopsOutcome& outcome) {
                  {"recall_at_100p", scores.recall_at_full_precision},
                  {"unjudged", outcome.unjudged},
                  {"ms",
-                  {{"median", percentile(outcome.ms, 0.5)},
-                   {"p95", percentile(outcome.ms, 0.95)},
-                   {"extract", percentile(outcome.extract_ms, 0.5)}}},
+                  {{"median", evaluation::quantile(outcome.ms, 0.5)},
+                   {"p95", evaluation::quantile(outcome.ms, 0.95)},
+                   {"extract", evaluation::quantile(outcome.extract_ms, 0.5)}}},
                  {"refused", refused},
                  {"vocabulary", {{"words", outcome.words}, {"source", outcome.vocabulary}}}};
   if (!outcome.pose_errors.empty()) {
-    report["pose_error"] = {{"median_m", percentile(outcome.pose_errors, 0.5)},
-                            {"max_m", percentile(outcome.pose_errors, 1.0)}};
+    report["pose_error"] = {{"median_m", evaluation::quantile(outcome.pose_errors, 0.5)},
+                            {"max_m", evaluation::quantile(outcome.pose_errors, 1.0)}};
   }
   return report;
 }
@@ -66,11 +59,12 @@ void print_text(const LoopsOutcome& outcome, const json& report) {
               outcome.scores.precision, outcome.scores.recall,
               outcome.scores.recall_at_full_precision);
   std::printf("ms an image     %.2f median, %.2f at 95 %%, besides %.2f for features\n",
-              percentile(outcome.ms, 0.5), percentile(outcome.ms, 0.95),
-              percentile(outcome.extract_ms, 0.5));
+              evaluation::quantile(outcome.ms, 0.5), evaluation::quantile(outcome.ms, 0.95),
+              evaluation::quantile(outcome.extract_ms, 0.5));
   if (report.contains("pose_error")) {
     std::printf("pose error      %.3f m median, %.3f m at most\n",
-                percentile(outcome.pose_errors, 0.5), percentile(outcome.pose_errors, 1.0));
+                evaluation::quantile(outcome.pose_errors, 0.5),
+                evaluation::quantile(outcome.pose_errors, 1.0));
   }
   for (const auto& [reason, count] : report["refused"].items())
     std::printf("refused         %5zu %s\n", count.get<std::size_t>(), reason.c_str());

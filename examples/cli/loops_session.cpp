@@ -12,7 +12,6 @@
 
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
-#include <opencv2/imgproc.hpp>
 
 #include "dynslam/core/errors.hpp"
 #include "dynslam/core/opencv.hpp"
@@ -23,6 +22,7 @@
 #include "dynslam/loop/vocabulary_io.hpp"
 #include "dynslam/loop/vocabulary_training.hpp"
 
+#include "images.hpp"
 #include "progress.hpp"
 
 namespace dynslam::cli {
@@ -80,13 +80,6 @@ std::vector<std::string> image_files(const LoopsOptions& options) {
   }
   if (files.size() < 2) throw InvalidArgument("loops: fewer than 2 images were given");
   return files;
-}
-
-cv::Mat gray_of(const cv::Mat& color) {
-  if (color.channels() == 1) return color;
-  cv::Mat gray;
-  cv::cvtColor(color, gray, cv::COLOR_BGR2GRAY);
-  return gray;
 }
 
 struct View {
@@ -224,6 +217,8 @@ loop::Vocabulary make_vocabulary(const LoopsOptions& options, Places& places,
     if (!places[i].descriptors.empty()) all.push_back(places[i].descriptors);
     ends.push_back(static_cast<std::size_t>(all.rows));
   }
+  if (all.rows == 0)
+    throw InvalidArgument("loops: the images show no features to learn words from");
   loop::TrainingOptions training;
   // As many levels as give about ten descriptors to a word.
   training.levels = 3;
@@ -343,6 +338,7 @@ LoopsOutcome run_loops(const LoopsOptions& options) {
     detections.push_back(detection);
     if (verify && places.has_depth()) outcome.pose_errors.push_back(places.pose_error(result));
   }
+  if (lines.is_open() && !lines.flush()) throw_io_error(options.detections, "cannot be written");
   outcome.scores = places.score(detections);
   outcome.unjudged = detections.size() - outcome.scores.detected;
   return outcome;

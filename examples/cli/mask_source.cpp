@@ -51,7 +51,10 @@ void add_segmenter_flags(CLI::App& command, RunFlags& flags) {
   command.add_option("--backend", flags.backend, "what runs the network")
       ->check(CLI::IsMember({"opencv", "onnxruntime"}))
       ->capture_default_str();
-  command.add_option("--classes", flags.classes, "classes that may move")->delimiter(',');
+  command
+      .add_option("--classes", flags.classes,
+                  "classes that may move; default: people, vehicles, animals")
+      ->delimiter(',');
   command.add_option("--min-score", flags.min_score, "instances below are ignored")
       ->check(CLI::Range(0.0, 1.0))
       ->capture_default_str();

@@ -1,4 +1,3 @@
-#include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <cstddef>
@@ -17,18 +16,20 @@
 #include <opencv2/calib3d.hpp>
 #include <opencv2/core.hpp>
 #include <opencv2/features2d.hpp>
-#include <opencv2/imgproc.hpp>
 
 #include "dynslam/core/errors.hpp"
 #include "dynslam/core/opencv.hpp"
 #include "dynslam/core/so3.hpp"
 #include "dynslam/dataset/readers.hpp"
+#include "dynslam/evaluation/metrics.hpp"
 #include "dynslam/features/orb.hpp"
 #include "dynslam/matching/named_rule.hpp"
 #include "dynslam/matching/opencv.hpp"
 #include "dynslam/matching/reject.hpp"
 
+#include "checks.hpp"
 #include "commands.hpp"
+#include "images.hpp"
 
 namespace dynslam::cli {
 namespace {
@@ -72,8 +73,7 @@ class Views {
     const cv::Ptr<cv::ORB> opencv = cv::ORB::create(options.features);
     for (std::size_t i = 0; i < sequence->size(); ++i) {
       const dataset::Frame frame = sequence->read(i);
-      cv::Mat gray = frame.color;
-      if (gray.channels() == 3) cv::cvtColor(frame.color, gray, cv::COLOR_BGR2GRAY);
+      const cv::Mat gray = gray_of(frame.color);
       PosedImage view;
       view.T_world_cam = frame.T_world_cam;
       if (options.extractor == "opencv") {
@@ -144,11 +144,10 @@ struct MatchScore {
 
   json report() const {
     const double n = static_cast<double>(pairs);
-    std::vector<double> sorted = ms;
-    const auto half = sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2);
-    std::nth_element(sorted.begin(), half, sorted.end());
-    const double middle = *half;
-    return {{"precision", precision / n}, {"recall", recall / n}, {"f1", f1 / n}, {"ms", middle}};
+    return {{"precision", precision / n},
+            {"recall", recall / n},
+            {"f1", f1 / n},
+            {"ms", evaluation::quantile(ms, 0.5)}};
   }
 
   double precision = 0, recall = 0, f1 = 0;
@@ -312,14 +311,7 @@ CLI::App* add_match_command(CLI::App& app, std::function<int()>& run) {
   for (const auto name : matching::kRuleNames)
     names += (names.empty() ? "" : " | ") + std::string(name);
   command->add_option("--rule", options->rules, names + "; may be given again; default: all")
-      ->check([](const std::string& name) {
-        try {
-          matching::make_rule(name);
-        } catch (const InvalidArgument& error) {
-          return std::string(error.what());
-        }
-        return std::string();
-      });
+      ->check(readable_by([](const std::string& name) { matching::make_rule(name); }));
   command->add_flag("--json", options->json, "print one JSON object and nothing else");
   command->callback([options, gap, &run] {
     if (options->tum.empty() && options->kitti.empty()) {

@@ -2,6 +2,7 @@
 #include <cstdio>
 #include <filesystem>
 #include <iostream>
+#include <limits>
 #include <map>
 #include <memory>
 #include <string>
@@ -9,7 +10,6 @@
 
 #include <nlohmann/json.hpp>
 #include <opencv2/imgcodecs.hpp>
-#include <opencv2/imgproc.hpp>
 
 #include "dynslam/core/errors.hpp"
 #include "dynslam/core/opencv.hpp"
@@ -17,6 +17,7 @@
 #include "dynslam/features/orb.hpp"
 
 #include "commands.hpp"
+#include "images.hpp"
 #include "mask_source.hpp"
 #include "progress.hpp"
 #include "run_session.hpp"
@@ -120,12 +121,16 @@ cv::Mat true_labels(const std::filesystem::path& folder, const dataset::Frame& f
   return labels;
 }
 
+// NaN of nothing.
+double share_of(const Json& value) {
+  return value.is_null() ? std::numeric_limits<double>::quiet_NaN() : value.get<double>();
+}
+
 void print_rates(const char* source, const Json& rates) {
-  const auto cell = [](const Json& value) { return value.is_null() ? 0.0 : value.get<double>(); };
-  std::printf("%-10s  %9.3f  %6.3f  %19.4f", source, cell(rates["precision"]),
-              cell(rates["recall"]), cell(rates["false_positive_rate"]));
+  std::printf("%-10s  %9.3f  %6.3f  %19.4f", source, share_of(rates["precision"]),
+              share_of(rates["recall"]), share_of(rates["false_positive_rate"]));
   for (const auto& [label, recall] : rates["recall_by_label"].items()) {
-    std::printf("  %s: %.3f", label.c_str(), cell(recall));
+    std::printf("  %s: %.3f", label.c_str(), share_of(recall));
   }
   std::printf("\n");
 }
@@ -133,7 +138,7 @@ void print_rates(const char* source, const Json& rates) {
 void print_report(const Json& report) {
   std::printf("%zu features of %zu frames, %.1f %% of them not judged\n",
               report["features"].get<std::size_t>(), report["frames"].get<std::size_t>(),
-              100.0 * report["unknown_share"].get<double>());
+              100.0 * share_of(report["unknown_share"]));
   std::printf("%-10s  %9s  %6s  %19s  recall by label\n", "source", "precision", "recall",
               "false positive rate");
   print_rates("all", report);
@@ -142,7 +147,8 @@ void print_report(const Json& report) {
 
 int run(const MoversFlags& flags) {
   const std::unique_ptr<dataset::Sequence> sequence = open_sequence(flags.input);
-  require_depth("dynslam movers", *sequence);
+  tell_left_out(*sequence);
+  require_depth("movers", *sequence);
   slam::System system(sequence->camera(), composition_of(flags.run).options);
   MaskSource masks(flags.run, *sequence);
   features::OrbOptions orb;
@@ -157,8 +163,8 @@ int run(const MoversFlags& flags) {
     FrameRow row;
     const cv::Mat& mask = masks.update(frame, row);
     ms.push_back(system.track({frame.timestamp, frame.color, frame.depth, mask}).ms.geometry);
-    cv::Mat gray, descriptors;
-    cv::cvtColor(frame.color, gray, cv::COLOR_BGR2GRAY);
+    const cv::Mat gray = gray_of(frame.color);
+    cv::Mat descriptors;
     std::vector<cv::KeyPoint> keypoints;
     extractor.extract(as_view<const std::uint8_t>(gray), {}, keypoints, descriptors);
     score.add(keypoints, labels, mask, system.movers());

@@ -122,12 +122,7 @@ int run(RunCommandFlags flags) {
   prepare_output(flags.out);
   catch_interruption();
   note_absent_parts(flags.run);
-  const dataset::OpenReport report = sequence->report();
-  if (report.disordered_frames > 0) {
-    std::cerr << "dynslam: " << report.disordered_frames
-              << " frames left out because time ran backwards, first " << report.first_disordered
-              << '\n';
-  }
+  tell_left_out(*sequence);
   RunOutcome outcome;
   std::vector<Json> summaries;
   for (int i = 0; i < flags.runs && !interrupted(); ++i) {

@@ -99,6 +99,13 @@ void wait_for_frame(const dataset::Sequence& sequence, std::size_t frame, Clock:
   std::this_thread::sleep_until(start + std::chrono::duration_cast<Clock::duration>(arrival));
 }
 
+// Whether a camera leaves the map long enough to itself after a frame to be finished by the next.
+bool leaves_time_for_map(const dataset::Sequence& sequence, std::size_t frame) {
+  constexpr double kWork = 0.2;  // seconds, of mapping after a keyframe
+  return frame + 1 < sequence.size() &&
+         sequence.timestamp(frame + 1) - sequence.timestamp(frame) > kWork;
+}
+
 // The newest frame that a camera has delivered by now, at least `next`.
 std::size_t due_frame(const dataset::Sequence& sequence, std::size_t next,
                       Clock::time_point start) {
@@ -152,8 +159,7 @@ slam::Sensor choose_sensor(const RunFlags& flags, const dataset::Sequence& seque
   const std::string has = dataset::to_string(there);
   const std::string wanted = flags.sensor.empty() ? has : flags.sensor;
   if (wanted == slam::to_string(slam::Sensor::kMono)) return slam::Sensor::kMono;
-  require(wanted == has, "dynslam run", "--sensor", wanted,
-          sequence.name() + " to have it; it is " + has);
+  require(wanted == has, "run", "--sensor", wanted, sequence.name() + " to have it; it is " + has);
   return there == dataset::SensorKind::kStereo ? slam::Sensor::kStereo : slam::Sensor::kRgbd;
 }
 
@@ -187,7 +193,8 @@ RunOutcome run_system(const dataset::Sequence& sequence, const RunFlags& flags) 
   slam::SystemOptions options = composition_of(flags).options;
   options.sensor = choose_sensor(flags, sequence);
   if (flags.threads > 0) {
-    cv::setNumThreads(flags.threads);
+    // More than there are processors do nothing, and TBB says so on stderr.
+    cv::setNumThreads(std::min(flags.threads, cv::getNumberOfCPUs()));
   } else if (flags.asynchronous()) {
     cv::setNumThreads(threads_beside_tracking());
   }
@@ -229,6 +236,7 @@ RunOutcome run_system(const dataset::Sequence& sequence, const RunFlags& flags) 
       continue;
     }
     outcome.rows.push_back(process(*read->frame, masks, *outcome.system, view));
+    if (!paced && leaves_time_for_map(sequence, next)) outcome.system->finish();
     const FrameRow& row = outcome.rows.back();
     progress.update(next + 1, std::string(to_string(row.state)) + ", " +
                                   std::to_string(row.inliers) + " inliers");

@@ -60,8 +60,11 @@ CLI::App* add_scene_command(CLI::App& app, std::function<int()>& run) {
   command->add_option("--out", flags->out, "folder to write")->required()->type_name("DIR");
   command->add_option("--seed", flags->scene.seed, "of room, paths and noise")
       ->capture_default_str();
-  command->add_option("--frames", flags->scene.frames, "length")->capture_default_str();
+  command->add_option("--frames", flags->scene.frames, "length")
+      ->check(CLI::Range(1, 1000000))
+      ->capture_default_str();
   command->add_option("--threads", flags->scene.threads, "threads that render")
+      ->check(CLI::Range(1, 64))
       ->capture_default_str();
   command->add_flag("--overwrite", flags->overwrite, "replace a sequence that is there");
   command->add_flag("--json", flags->json, "print one JSON object");

@@ -4,7 +4,6 @@
 #include <cstdio>
 #include <deque>
 #include <filesystem>
-#include <fstream>
 #include <iostream>
 #include <memory>
 #include <optional>
@@ -14,22 +13,25 @@
 #include <nlohmann/json.hpp>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
-#include <unistd.h>
 
 #include "dynslam/core/errors.hpp"
+#include "dynslam/core/files.hpp"
 #include "dynslam/core/opencv.hpp"
 #include "dynslam/dataset/readers.hpp"
+#include "dynslam/evaluation/metrics.hpp"
 #include "dynslam/segmentation/mask_policy.hpp"
 #include "dynslam/segmentation/mask_propagation.hpp"
 #include "dynslam/segmentation/segmenter_factory.hpp"
 
 #include "commands.hpp"
+#include "progress.hpp"
 
 namespace dynslam::cli {
 namespace {
 
 namespace fs = std::filesystem;
 namespace seg = dynslam::segmentation;
+using evaluation::quantile;
 using nlohmann::json;
 
 // Truth that covers less of the image than this says little about a mask.
@@ -165,40 +167,6 @@ class LateMasks {
   std::vector<double> times_;
 };
 
-// A line on stderr that moves while there is somebody to look at it.
-class Progress {
- public:
-  explicit Progress(std::size_t total) : total_(total), shown_(isatty(STDERR_FILENO) == 1) {}
-  ~Progress() {
-    if (shown_) std::fputs("\r\033[K", stderr);
-  }
-  Progress(const Progress&) = delete;
-  Progress& operator=(const Progress&) = delete;
-
-  void show(std::size_t done) const {
-    if (!shown_ || done == 0) return;
-    using Seconds = std::chrono::duration<double>;
-    const double elapsed = Seconds(std::chrono::steady_clock::now() - start_).count();
-    const double rate = static_cast<double>(done) / std::max(elapsed, 1e-9);
-    std::fprintf(stderr, "\r%zu/%zu images, %.1f a second, %.0f s left ", done, total_, rate,
-                 static_cast<double>(total_ - done) / rate);
-  }
-
- private:
-  std::size_t total_;
-  bool shown_;
-  std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
-};
-
-double quantile(std::vector<double> values, double q) {
-  if (values.empty()) return 0.0;
-  std::sort(values.begin(), values.end());
-  const double at = q * static_cast<double>(values.size() - 1);
-  const auto low = static_cast<std::size_t>(at);
-  const std::size_t high = std::min(low + 1, values.size() - 1);
-  return values[low] + (values[high] - values[low]) * (at - static_cast<double>(low));
-}
-
 void make_folder(const fs::path& path) {
   std::error_code error;
   fs::create_directories(path, error);
@@ -213,13 +181,6 @@ void save_image(const fs::path& path, const cv::Mat& image) {
     written = false;
   }
   if (!written) throw_io_error(path.string(), "cannot be written");
-}
-
-void save_text(const fs::path& path, const std::string& text) {
-  std::ofstream file(path);
-  file << text << '\n';
-  file.close();
-  if (!file) throw_io_error(path.string(), "cannot be written");
 }
 
 std::string class_name(const seg::Instance& instance, const std::vector<std::string>& names) {
@@ -305,26 +266,30 @@ class SegmentRun {
   }
 
   int operator()() {
-    const Progress progress(source_.size());
-    for (std::size_t i = 0; i < source_.size(); ++i) {
-      progress.show(i);
-      Image image;
-      try {
-        image = source_.read(i);
-      } catch (const IoError&) {
-        if (!source_.skips_bad_frames()) throw;
-        ++skipped_;
-        continue;
-      }
-      one(i, image);
-    }
+    segment_all();
     score_.require_some_truth();
-    if (images_.empty()) throw_io_error(options_.tum, "has no readable image");
+    if (images_.empty()) throw_io_error(options_.tum, "has no readable image: " + first_problem_);
     finish();
     return 0;
   }
 
  private:
+  void segment_all() {
+    Progress progress("segment", source_.size());
+    for (std::size_t i = 0; i < source_.size(); ++i) {
+      progress.update(i);
+      Image image;
+      try {
+        image = source_.read(i);
+      } catch (const IoError& error) {
+        if (!source_.skips_bad_frames()) throw;
+        if (skipped_++ == 0) first_problem_ = error.what();
+        continue;
+      }
+      one(i, image);
+    }
+  }
+
   static std::unique_ptr<seg::Segmenter> make_segmenter(const SegmentOptions& options) {
     seg::SegmenterFactoryOptions factory;
     factory.network.backend = seg::backend_from_name(options.backend);
@@ -398,7 +363,8 @@ class SegmentRun {
       report["carry_ms"] = spread_json(late_->times());
     }
     if (!options_.out.empty()) {
-      save_text(fs::path(options_.out) / "segment.json", report.dump(2));
+      const fs::path path = fs::path(options_.out) / "segment.json";
+      write_file_atomically(path.string(), report.dump(2) + "\n");
     }
     if (options_.json) {
       std::cout << report.dump() << '\n';
@@ -431,6 +397,7 @@ class SegmentRun {
   MaskScore score_;
   std::optional<LateMasks> late_;
   std::size_t skipped_ = 0;
+  std::string first_problem_;  // of those skipped
   json images_ = json::array();
   std::vector<double> times_;
   std::vector<double> network_times_;
@@ -455,17 +422,19 @@ CLI::App* add_segment_command(CLI::App& app, std::function<int()>& run) {
   images->excludes(tum);
   command->add_option("--out", options->out,
                       "folder for overlays, masks and segment.json; without it only the report");
-  command->add_option("--classes", options->classes, "dynamic classes, comma-separated")
+  command
+      ->add_option("--classes", options->classes,
+                   "dynamic classes; default: people, vehicles, animals")
       ->delimiter(',');
   command
       ->add_option("--touched", options->touched,
-                   "classes that are dynamic where a dynamic one touches them, comma-separated")
+                   "classes that are dynamic where a dynamic one touches them; default: none")
       ->delimiter(',');
   CLI::Option* truth =
       command->add_option("--truth-masks", options->truth_masks, "folder of true masks, NAME.png");
   command
       ->add_option("--truth-value", options->truth_value,
-                   "value of the true masks that counts (0: all but 0)")
+                   "value of the true masks that counts; default 0: all but 0")
       ->check(CLI::Range(0, 65535))
       ->needs(truth);
   command->add_option("--backend", options->backend, "what runs the network")
@@ -474,11 +443,12 @@ CLI::App* add_segment_command(CLI::App& app, std::function<int()>& run) {
   command->add_option("--score", options->score, "least score of an instance")
       ->check(CLI::Range(0.0, 1.0))
       ->capture_default_str();
-  command->add_option("--threads", options->threads, "of ONNX Runtime; 0: its own choice")
+  command->add_option("--threads", options->threads, "of ONNX Runtime; default 0: its own choice")
       ->check(CLI::Range(0, 1024));
   command
-      ->add_option("--age", options->age,
-                   "give each frame the masks of the one so many frames before, carried to it")
+      ->add_option(
+          "--age", options->age,
+          "give each frame the masks of one so many frames before, carried to it; default 0")
       ->check(CLI::Range(0, 100))
       ->needs(tum);
   command->add_flag("--plain", options->plain,

@@ -1,6 +1,8 @@
 #include "sequences.hpp"
 
 #include <charconv>
+#include <cmath>
+#include <iostream>
 #include <limits>
 #include <optional>
 #include <vector>
@@ -8,6 +10,8 @@
 #include "dynslam/core/errors.hpp"
 #include "dynslam/dataset/readers.hpp"
 #include "dynslam/dataset/scene.hpp"
+
+#include "checks.hpp"
 
 namespace dynslam::cli {
 namespace {
@@ -33,7 +37,10 @@ std::vector<double> parse_numbers(const std::string& flag, const std::string& te
 std::optional<DepthCamera> parse_camera(const std::string& text) {
   if (text.empty()) return std::nullopt;
   const std::vector<double> numbers = parse_numbers("--camera", text, ',');
-  require(numbers.size() == 4, "--camera", "value", text, "FX,FY,CX,CY");
+  const auto positive = [](double number) { return std::isfinite(number) && number > 0.0; };
+  require(numbers.size() == 4 && positive(numbers[0]) && positive(numbers[1]) &&
+              std::isfinite(numbers[2]) && std::isfinite(numbers[3]),
+          "--camera", "value", text, "FX,FY,CX,CY in pixels, FX and FY positive");
   DepthCamera camera;
   camera.fx = numbers[0];
   camera.fy = numbers[1];
@@ -65,20 +72,6 @@ Range parse_range(const std::string& text) {
   range.last = number(colon + 1, text.size(), range.last);
   require(range.first < range.last, "--frames", "value", text, "FIRST below LAST");
   return range;
-}
-
-// A value of the command line that `parse` refuses is bad usage.
-template <typename Parse>
-CLI::Validator readable_by(const Parse& parse) {
-  return {[parse](const std::string& text) -> std::string {
-            try {
-              parse(text);
-              return {};
-            } catch (const InvalidArgument& error) {
-              return error.what();
-            }
-          },
-          ""};
 }
 
 std::unique_ptr<dataset::Sequence> open_scene(const SequenceFlags& flags, const Range& range) {
@@ -140,7 +133,17 @@ std::unique_ptr<dataset::Sequence> open_sequence(const SequenceFlags& flags) {
   const Range range = parse_range(flags.frames);
   std::unique_ptr<dataset::Sequence> whole = open_whole(flags, range);
   if (flags.frames.empty()) return whole;
+  require(range.first < whole->size(), "--frames", "value", flags.frames,
+          "FIRST below " + std::to_string(whole->size()) + ", which is how many frames there are");
   return dataset::slice(std::move(whole), range.first, range.last);
+}
+
+void tell_left_out(const dataset::Sequence& sequence) {
+  const dataset::OpenReport report = sequence.report();
+  if (report.disordered_frames == 0) return;
+  std::cerr << "dynslam: " << report.disordered_frames
+            << " frames left out because time ran backwards, first " << report.first_disordered
+            << '\n';
 }
 
 }  // namespace dynslam::cli

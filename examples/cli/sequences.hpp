@@ -28,4 +28,7 @@ struct SequenceFlags {
 /// Opens what the flags name. Throws InvalidArgument or IoError with one clear sentence.
 std::unique_ptr<dataset::Sequence> open_sequence(const SequenceFlags& flags);
 
+/// Says on stderr which frames of a sequence are out of order and left out, if there are any.
+void tell_left_out(const dataset::Sequence& sequence);
+
 }  // namespace dynslam::cli

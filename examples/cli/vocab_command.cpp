@@ -17,6 +17,7 @@
 #include "dynslam/loop/vocabulary_training.hpp"
 #include "dynslam/loop/vocabulary_tree.hpp"
 
+#include "checks.hpp"
 #include "commands.hpp"
 #include "descriptor_files.hpp"
 #include "progress.hpp"
@@ -74,7 +75,7 @@ struct TrainOptions {
 
 int train(const TrainOptions& given) {
   TrainOptions options = given;
-  const loop::VocabularyFormat format = loop::format_of_name(options.out);  // before the work
+  const loop::VocabularyFormat format = loop::format_of_name(options.out);
   loop::TrainingOptions& training = options.training;
   training.weighting = static_cast<loop::Weighting>(index_of(kWeightings, options.weighting));
   training.scoring = static_cast<loop::Scoring>(index_of(kScorings, options.scoring));
@@ -82,6 +83,7 @@ int train(const TrainOptions& given) {
   const auto start = Clock::now();
   const TrainingSet set =
       read_training_set(options.inputs, options.features, options.every, training.threads);
+  if (set.rows() == 0) throw InvalidArgument("vocab train: the pictures show no features");
   const double read_ms = since(start);
   // With one image alone no word is rarer than another: all weigh 1.
   const bool counts_images = set.image_ends.size() > 1;
@@ -168,7 +170,9 @@ void add_train(CLI::App& vocab, std::function<int()>& run) {
       "count "
       "as one image each.");
   command->add_option("inputs", o->inputs, "pictures, .npy files, or folders of them")->required();
-  command->add_option("--out", o->out, "F.dynvoc, .txt, .yml[.gz], .dbow3 or .fbow")->required();
+  command->add_option("--out", o->out, "F.dynvoc, .txt, .yml[.gz], .dbow3 or .fbow")
+      ->check(readable_by(loop::format_of_name))
+      ->required();
   command->add_option("--k", o->training.k, "children of a node")
       ->check(CLI::Range(2, 255))
       ->capture_default_str();
@@ -210,7 +214,9 @@ void add_convert(CLI::App& vocab, std::function<int()>& run) {
       "The content of IN tells its format, the name of OUT the other one: .dynvoc, .txt (ORBvoc), "
       ".yml[.gz] (DBoW2, DBoW3), .dbow3, .fbow.");
   command->add_option("in", o->in, "vocabulary of any format")->required();
-  command->add_option("out", o->out, "what to write")->required();
+  command->add_option("out", o->out, "what to write")
+      ->check(readable_by(loop::format_of_name))
+      ->required();
   command->add_flag("--compress", o->compress, ".dbow3 in QuickLZ chunks");
   command->add_flag("--renumber", o->renumber, "number words anew, without gaps");
   command->add_flag("--json", o->json, "print one JSON object and nothing else");

@@ -128,6 +128,19 @@ sed -i '5{h;d};6{G}' backwards/associations.txt
 "$dynslam" run --tum backwards --system baseline --out out-backwards --json >summary.json \
   2>stderr || complain "run on disordered time: $(cat stderr)"
 grep -q '1 frames left out' stderr || complain "disorder is not said: $(cat stderr)"
+"$dynslam" movers --tum backwards >stdout 2>stderr || complain "movers on disordered time"
+grep -q '1 frames left out' stderr || complain "movers hides disorder: $(cat stderr)"
+
+# Grey images are images, too; these show nothing.
+cp -r scene grey
+for image in grey/rgb/*.png; do cp "scene/mask/$(basename "$image")" "$image"; done
+for command in movers 'run --system baseline --out out-grey' 'segment none'; do
+  # shellcheck disable=SC2086
+  "$dynslam" $command --tum grey >stdout 2>stderr || complain "$command on grey images: $(cat stderr)"
+done
+
+expect_failure 1 'loops: .*no features' loops --tum grey
+expect_failure 1 'vocab train: .*no features' vocab train grey --out x.dynvoc
 
 # Without truth there is no error, but everything else.
 cp -r scene untold
@@ -263,10 +276,11 @@ expect_failure 1 'nowhere' run --tum nowhere --out x
 expect_failure 1 'empty' run --tum empty --out x
 expect_failure 2 'frames' run --tum scene --frames 5 --out x
 expect_failure 2 'frames' run --tum scene --frames 9:4 --out x
-expect_failure 1 'first' run --tum scene --frames 50:60 --out x
+expect_failure 1 '--frames: .*50:60.* 12,' run --tum scene --frames 50:60 --out x
 expect_failure 2 'camera' run --tum scene --camera 1,2 --out x
 expect_failure 1 'camera' run --scene room_still --camera 1,2,3,4 --out x
-expect_failure 1 'fx' run --tum scene --camera nan,2,3,4 --out x
+expect_failure 2 'camera.*positive' run --tum scene --camera nan,2,3,4 --out x
+expect_failure 2 'camera.*positive' run --tum scene --camera 0,2,3,4 --out x
 expect_failure 2 'depth-scale: Value 0 .{,60}$' run --tum scene --depth-scale 0 --out x
 expect_failure 1 'room_walking' run --scene atlantis --out x
 expect_failure 1 'segmenter|kind|recorded' run --tum scene --segmenter magic:beans --out x
@@ -286,6 +300,37 @@ printf '1 0 0 0 0 0 0 nan\n' >nan.txt
 expect_failure 1 'nan.txt:1' eval ate scene/groundtruth.txt nan.txt
 expect_failure 1 'scene' scene room_walking --frames 3 --out scene
 
+# Numbers that wrap around, are none or are not there, and values that are not there.
+for seed in -1 99999999999999999999 1.5 abc ''; do
+  expect_failure 2 "^--seed: got ('$seed'|nothing), expected" run --scene room_still --seed "$seed" --out never
+done
+expect_failure 2 'seed.*not negative' vocab train scene --seed -1 --out x.dynvoc
+expect_failure 2 'seed.*not negative' scene --seed -1 --out never
+expect_failure 2 'exclude-recent.*not negative' loops --tum scene --exclude-recent -1
+expect_failure 2 'frames.*not in range 1' scene --frames 0 --out never
+expect_failure 2 'threads.*not in range 1' scene --threads 0 --out never
+expect_failure 2 'score.*finite' segment none --tum scene --score nan
+expect_failure 2 'depth-scale.*finite' run --tum scene --depth-scale nan --out never
+expect_failure 2 'max-dt' eval ate scene/groundtruth.txt scene/groundtruth.txt --max-dt ''
+expect_failure 2 'out.*nothing' run --tum scene --out ''
+expect_failure 2 'frames.*nothing' run --tum scene --frames '' --out never
+expect_failure 2 "^--rule: got 'beans'|^--rule: got beans" match --tum scene --rule beans
+"$dynslam" run --tum scene --frames 0:2 --threads 1000 --system baseline --out out-threads >stdout \
+  2>stderr || complain "run --threads 1000"
+[[ ! -s stderr ]] || complain "more threads than processors: $(cat stderr)"
+[[ ! -e never ]] || complain "what failed has left its folder"
+
+# Nothing that was asked for is lost in silence.
+if [[ -c /dev/full ]]; then
+  for command in 'eval ate scene/groundtruth.txt scene/groundtruth.txt' \
+    'match --tum scene --gap 2 --json' 'run --tum scene --frames 0:2 --json --out out-full'; do
+    # shellcheck disable=SC2086
+    "$dynslam" $command >/dev/full 2>stderr && complain "$command: lost what it printed"
+    [[ $(cat stderr) == 'dynslam: the output cannot be written' ]] || complain "$command: $(cat stderr)"
+  done
+  expect_failure 1 '/dev/full: cannot be written' loops --tum scene --detections /dev/full
+fi
+
 # --- vocab -------------------------------------------------------------------------------------
 "$dynslam" vocab train scene --k 5 --levels 3 --features 300 --out small.dynvoc --json >voc.json \
   2>stderr || complain "vocab train: $(cat stderr)"
@@ -303,7 +348,8 @@ done
 grep -q '"load_ms"' voc.json || complain "vocab info says no load_ms"
 expect_failure 2 'subcommand' vocab
 expect_failure 2 'k' vocab train scene --k 1 --out x.dynvoc
-expect_failure 1 'x.bin' vocab train scene --out x.bin
+expect_failure 2 'x.bin.*dynvoc' vocab train scene --out x.bin
+expect_failure 2 'x.bin.*dynvoc' vocab convert small.dynvoc x.bin
 expect_failure 1 'nowhere' vocab train nowhere --out x.dynvoc
 expect_failure 1 'holds neither' vocab train empty --out x.dynvoc
 expect_failure 1 'nowhere' vocab info nowhere
@@ -317,6 +363,8 @@ for subcommand in run ablate bench fuse eval segment match movers loops scene "v
   "$dynslam" $subcommand --help >stdout || complain "$subcommand --help"
   grep -q 'Example' stdout || complain "$subcommand --help shows no example"
 done
+
+"$dynslam" --help | grep -q 'Exit codes: 0 .* 1 .* 2 ' || complain "--help does not say what exit codes mean"
 
 ((failures == 0)) && echo "all good"
 exit $((failures > 0))
