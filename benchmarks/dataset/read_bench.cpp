@@ -3,7 +3,6 @@
 #include <chrono>
 #include <filesystem>
 #include <memory>
-#include <stdexcept>
 #include <string>
 #include <thread>
 
@@ -11,11 +10,12 @@
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
-#include <stdlib.h>
 
 #include "dynslam/dataset/read_ahead.hpp"
 #include "dynslam/dataset/readers.hpp"
 #include "dynslam/dataset/tum_writer.hpp"
+
+#include "temp_folder.hpp"
 
 namespace {
 
@@ -28,10 +28,6 @@ constexpr int kFrames = 8;
 class Folder {
  public:
   Folder() {
-    std::string name = (fs::temp_directory_path() / "dynslam_bench_XXXXXX").string();
-    if (::mkdtemp(name.data()) == nullptr) throw std::runtime_error("no temporary folder");
-    root_ = name;
-    path_ = root_ / "rgbd_dataset_freiburg1_bench";  // a name with distortion
     dynslam::DepthCamera camera;
     camera.fx = camera.fy = 525.0, camera.cx = 319.5, camera.cy = 239.5;
     camera.width = 640, camera.height = 480;
@@ -43,10 +39,6 @@ class Folder {
     sequence = ds::open_tum(path_, flat);
     fs::remove(path_ / "camera.txt");
     undistorting = ds::open_tum(path_, flat);
-  }
-  ~Folder() {
-    std::error_code ignored;
-    fs::remove_all(root_, ignored);
   }
   std::string file(const char* kind, std::size_t i) const {
     return (path_ / kind / (sequence->frame_name(i) + ".png")).string();
@@ -69,7 +61,8 @@ class Folder {
     return frame;
   }
 
-  fs::path root_, path_;
+  const dynslam::testing::TempFolder root_;
+  const fs::path path_ = root_ / "rgbd_dataset_freiburg1_bench";  // a name with distortion
 };
 
 const Folder& folder() {
