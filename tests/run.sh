@@ -147,7 +147,7 @@ consumer() { # directory name cmake_arguments...
   quietly "$log" cmake -S "tests/package/$directory" -B "$build" -G Ninja \
     -DCMAKE_BUILD_TYPE=Release "$@"
   quietly "$log" cmake --build "$build" --parallel "$jobs"
-  quietly "$log" "$build/consumer"
+  quietly "$log" env -C "$build" ./consumer
   pass
 }
 
