@@ -27,11 +27,57 @@ constexpr double kDoubt = 0.1;               // weight of no evidence: all is sh
 constexpr double kOneSurface = 0.015;        // share of depth: a step beyond is a contour to users
 constexpr int kSmallest = 2;                 // cells: movers are seen through gaps, too
 constexpr int kCoarseness = 4;               // strides of the fine grid between coarse samples
+constexpr int kQuarter = 2;                  // and between the cells whose looks tracking asks
+constexpr double kLooks = 1.5;               // most log-odds that one reference's looks add there
+
+// Every kQuarter-th cell of a row and column.
+void sample_quarter(const geometry::DepthEvidence& all, geometry::DepthEvidence& quarter) {
+  quarter.stride = kQuarter * all.stride;
+  quarter.focal = all.focal;
+  quarter.width = (all.width + kQuarter - 1) / kQuarter;
+  quarter.height = (all.height + kQuarter - 1) / kQuarter;
+  quarter.depth.clear();
+  quarter.log_odds.clear();
+  for (int y = 0; y < all.height; y += kQuarter) {
+    for (int x = 0; x < all.width; x += kQuarter) {
+      const auto i = static_cast<std::size_t>(y * all.width + x);
+      quarter.depth.push_back(all.depth[i]);
+      quarter.log_odds.push_back(all.log_odds[i]);
+    }
+  }
+}
+
+// Adds what a quarter of the cells have learnt since they were sampled to all that have depth.
+void spread_quarter(geometry::DepthEvidence& quarter, geometry::DepthEvidence& all) {
+  const auto at = [&](int x, int y) {
+    return static_cast<std::size_t>(y / kQuarter * quarter.width + x / kQuarter);
+  };
+  for (int y = 0; y < all.height; y += kQuarter) {
+    for (int x = 0; x < all.width; x += kQuarter) {
+      quarter.log_odds[at(x, y)] -= all.log_odds[static_cast<std::size_t>(y * all.width + x)];
+    }
+  }
+  for (int y = 0; y < all.height; ++y) {
+    for (int x = 0; x < all.width; ++x) {
+      const auto i = static_cast<std::size_t>(y * all.width + x);
+      if (all.depth[i] > 0.0F) all.log_odds[i] += quarter.log_odds[at(x, y)];
+    }
+  }
+}
+
+cv::Mat quarter_of(const cv::Mat& gray) {
+  cv::Mat quarter;
+  if (gray.empty()) return quarter;
+  constexpr double kScale = 1.0 / kQuarter;
+  cv::resize(gray, quarter, cv::Size(), kScale, kScale, cv::INTER_AREA);
+  return quarter;
+}
 
 }  // namespace
 
 MoverDetector::MoverDetector(const DepthCamera& camera) : camera_(camera) {
   consistency_options_.stride = kSurfaceCell;
+  quarter_options_.evidence = kLooks;
   grow_options_.completion = 0.0;
 }
 
@@ -52,11 +98,13 @@ void MoverDetector::choose_references(const RigidTransform& T_cam_world, double 
       geometry::choose_depth_references(camera_, timestamp, candidates, choice_options_, chosen);
   chosen_.clear();
   chosen_gray_.clear();
+  chosen_quarters_.clear();
   for (std::size_t i = 0; i < count; ++i) {
     const auto index = static_cast<std::size_t>(chosen[i]);
     chosen_.push_back({candidates[index].T_cur_ref, &references_[index].cells,
                        timestamp - references_[index].timestamp});
     chosen_gray_.push_back(as_view<const std::uint8_t>(references_[index].gray_cells));
+    chosen_quarters_.push_back(as_view<const std::uint8_t>(references_[index].gray_quarter));
   }
 }
 
@@ -76,12 +124,23 @@ void MoverDetector::detect(const TrackedFrame& frame,
   const RigidTransform& T_cam_world = frame.T_cam_world;
   choose_references(T_cam_world, timestamp);
   geometry::judge_depth(view, camera_, chosen_, consistency_options_, evidence_);
+  if (!frame.mask.empty()) add_quarter_looks(frame);
   memory_.update(camera_, T_cam_world.inverse(), timestamp, consistency_options_.decision,
                  evidence_);
   mask_.create(frame.depth.size(), CV_8UC1);
   masked_share_ = geometry::grow_regions(
       view, evidence_, field(frame.features->keypoints, &cv::KeyPoint::pt), verdicts, grow_options_,
       workspace_, as_view<std::uint8_t>(mask_), as_view<const std::uint8_t>(frame.gray));
+}
+
+// Without masks of people it would do harm: cloth that folds looks new wherever it is, and what
+// looks ask for is a pose that no walker has captured.
+void MoverDetector::add_quarter_looks(const TrackedFrame& frame) {
+  const cv::Mat gray = quarter_of(frame.gray_cells);
+  sample_quarter(evidence_, quarter_);
+  geometry::add_appearance(camera_, as_view<const std::uint8_t>(gray), chosen_, chosen_quarters_,
+                           consistency_options_, quarter_options_, looks_, quarter_);
+  spread_quarter(quarter_, evidence_);
 }
 
 // What a mask hides was seen before as well: networks take furniture for people.
@@ -130,7 +189,11 @@ const cv::Mat& MoverDetector::complete(const TrackedFrame& frame,
 
 void MoverDetector::remember(const TrackedFrame& frame) {
   if (!references_.empty() && frame.timestamp - references_.back().timestamp < kShortestGap) return;
-  Reference reference{frame.timestamp, frame.T_cam_world, {}, frame.gray_cells};
+  Reference reference{frame.timestamp,
+                      frame.T_cam_world,
+                      {},
+                      frame.gray_cells,
+                      frame.mask.empty() ? cv::Mat() : quarter_of(frame.gray_cells)};
   geometry::build_depth_cells(as_view<const float>(frame.depth), camera_,
                               as_view<const std::uint8_t>(mask_), cells_options_, reference.cells);
   references_.push_back(std::move(reference));

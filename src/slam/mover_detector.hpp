@@ -71,11 +71,14 @@ class MoverDetector {
     RigidTransform T_cam_world;
     geometry::DepthCells cells;
     cv::Mat gray_cells;
+    cv::Mat gray_quarter;  // at half of their size, of a frame with a mask
   };
   void choose_references(const RigidTransform& T_cam_world, double timestamp);
   void thin_out();
   // Writes depth and evidence of the whole frame, what is under its mask included.
   void add_hidden(const TrackedFrame& frame);
+  // Adds to the evidence of what no mask hides how a quarter of its cells look.
+  void add_quarter_looks(const TrackedFrame& frame);
   // Adds to the evidence of the whole frame how its cells look in the references chosen.
   void add_looks(const TrackedFrame& frame);
 
@@ -86,8 +89,9 @@ class MoverDetector {
   geometry::RegionGrowOptions grow_options_;
   std::deque<Reference> references_;  // oldest first
   std::vector<geometry::DepthReference> chosen_;
-  std::vector<MaskView> chosen_gray_;  // by reference chosen
-  geometry::DepthEvidence evidence_, coarse_, hidden_, whole_;
+  std::vector<MaskView> chosen_gray_, chosen_quarters_;  // by reference chosen
+  geometry::AppearanceOptions quarter_options_;
+  geometry::DepthEvidence evidence_, quarter_, coarse_, hidden_, whole_;
   geometry::CellMemory memory_;
   geometry::RegionGrowWorkspace workspace_;
   geometry::AppearanceWorkspace looks_;

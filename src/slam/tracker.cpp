@@ -13,6 +13,7 @@
 #include "dynslam/matching/opencv.hpp"
 #include "dynslam/matching/reject.hpp"
 
+#include "median.hpp"
 #include "stopwatch.hpp"
 #include "visibility.hpp"
 
@@ -26,12 +27,14 @@ constexpr double kAlignedTranslation = 0.02;  // metres that aligned surfaces ma
 constexpr double kAlignedRotation = 0.01;     // radians
 constexpr double kContradiction = 10.6;       // squared, by these: 10 % of 6 degrees of freedom
 constexpr float kTrialWeight = 0.05F;         // of a point on trial beside one that is proven
-constexpr double kContradicted = 2.0;  // times as much weight agrees without what is expected
-constexpr double kAgrees = 0.15;       // log-odds of standing still that a fitting match adds
-constexpr double kUsualStep = 0.1;     // seconds; the longer, the more it says
-constexpr double kMostSteps = 10.0;    // and at most as many times
-constexpr double kDisagrees = -1.0;    // and one that does not
-constexpr double kSurest = 4.0;        // most that is remembered
+constexpr double kLeastSurface = 0.25;  // times that, of a near one, whose feature covers little
+constexpr double kMostSurface = 4.0;    // and of a far one
+constexpr double kContradicted = 2.0;   // times as much weight agrees without what is expected
+constexpr double kAgrees = 0.15;        // log-odds of standing still that a fitting match adds
+constexpr double kUsualStep = 0.1;      // seconds; the longer, the more it says
+constexpr double kMostSteps = 10.0;     // and at most as many times
+constexpr double kDisagrees = -1.0;     // and one that does not
+constexpr double kSurest = 4.0;         // most that is remembered
 
 // Squared, of two poses, by what aligned surfaces may be off.
 double distance(const RigidTransform& a, const RigidTransform& b) {
@@ -175,13 +178,14 @@ int Tracker::optimize(TrackedFrame& frame, const std::vector<PointId>& ids,
 void Tracker::keep_background(const Map& map, const TrackedFrame& last,
                               const geometry::DepthCheck& depth_check, TrackedFrame& frame) {
   motions_.clear();
+  measure_distance(frame.T_cam_world);
   for (const PointMatch& match : matches_) {
     const cv::KeyPoint& keypoint = frame.features->keypoints[match.feature];
     const MapPoint* point = map.find_point(predictions_.ids[match.source]);
     motions_.add(
         match.position, keypoint.pt, frame.features->depths[match.feature],
         scale_factors_[static_cast<std::size_t>(keypoint.octave)],
-        std::max(2.0F * predictions_.weights[match.source] - 1.0F, kTrialWeight),
+        worth(predictions_.weights[match.source], match.position, frame.T_cam_world),
         point == nullptr ? 0.0F : static_cast<float>(map.keyframes_made() - point->born_keyframe));
   }
   const RigidTransform predicted = (predicted_ * last.T_cam_world).normalized();
@@ -277,7 +281,7 @@ int Tracker::track_local_map(Map& map, KeyframeId reference, TrackedFrame& frame
     }
   }
   if (static_cast<int>(matches_.size()) < options_.min_inliers && !prior_) return 0;
-  if (geometry_) prefer_proven();
+  if (geometry_) prefer_proven(frame.T_cam_world);
   if (wide) motion_.forget_prediction();
   const int inliers = optimize_as_expected(frame);
   if (inliers >= options_.min_inliers) {
@@ -323,13 +327,29 @@ double Tracker::agreeing_weight() const {
   return sum;
 }
 
+void Tracker::measure_distance(const RigidTransform& T_cam_world) {
+  std::vector<double> distances;
+  for (const PointMatch& match : matches_) {
+    distances.push_back((T_cam_world * match.position).z());
+  }
+  if (!distances.empty()) middle_distance_ = std::max(kMinDepth, median(distances));
+}
+
 // Points on trial must not outvote those that have stood still for long: a weight is how much more
-// than chance a point is believed.
-void Tracker::prefer_proven() {
+// than chance a point is believed. Among themselves they count by the surface that a feature
+// stands for: what moves may fill the image, but only by being near.
+float Tracker::worth(float belief, const Eigen::Vector3d& position,
+                     const RigidTransform& T_cam_world) const {
+  const double distance = (T_cam_world * position).z() / middle_distance_;
+  const double surface = std::clamp(distance * distance, kLeastSurface, kMostSurface);
+  return std::max(2.0F * belief - 1.0F, kTrialWeight * static_cast<float>(surface));
+}
+
+void Tracker::prefer_proven(const RigidTransform& T_cam_world) {
+  measure_distance(T_cam_world);
   float greatest = kTrialWeight;
   for (PointMatch& match : matches_) {
-    const float belief = predictions_.weights[match.source];
-    match.weight = std::max(2.0F * belief - 1.0F, kTrialWeight);
+    match.weight = worth(predictions_.weights[match.source], match.position, T_cam_world);
     greatest = std::max(greatest, match.weight);
   }
   for (PointMatch& match : matches_) match.weight /= greatest;

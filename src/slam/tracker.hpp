@@ -140,7 +140,12 @@ class Tracker {
   /// phi0 of a match: what segmentation (it left the feature), geometry and the last frames say.
   float initial_weight(float remembered, float geometric) const;
   void reject_matches(const TrackedFrame& last, const TrackedFrame& frame);
-  void prefer_proven();
+  /// Sets how far the surfaces lie that `matches_` are on.
+  void measure_distance(const RigidTransform& T_cam_world);
+  /// Worth of a match by the belief that its point stands still.
+  float worth(float belief, const Eigen::Vector3d& position,
+              const RigidTransform& T_cam_world) const;
+  void prefer_proven(const RigidTransform& T_cam_world);
   void remember_weights(Map& map, const TrackedFrame& frame) const;
   /// Optimizes the pose over `matches_` and writes points and rejections; returns the inliers.
   int optimize(TrackedFrame& frame, const std::vector<PointId>& ids,
@@ -166,6 +171,7 @@ class Tracker {
   std::optional<Matrix6d> covariance_;  // of the pose that was optimized last
   double step_ = 0.0;                   // seconds since the last frame
   bool wide_step_ = false;
+  double middle_distance_ = 1.0;  // metres, median of the points matched
   TrackerTimes times_;
   Predictions predictions_;
   std::vector<Match> found_;

@@ -45,7 +45,7 @@ TrackingSession::TrackingSession(const DepthCamera& camera, const SystemOptions&
       mono_(camera, builder.scale_factors()),
       tracks_(camera, builder.scale_factors()),
       movers_(camera),
-      start_(camera) {}
+      second_look_(camera) {}
 
 template <typename Work>
 void TrackingSession::without_map(TrackingLock& lock, const Work& work) {
@@ -60,7 +60,7 @@ void TrackingSession::follow_corrections() {
   if (corrections_ == shared_.corrections) return;
   corrections_ = shared_.corrections;
   tracker_.forget_alignment();
-  start_.cancel();
+  second_look_.cancel();
   const double scale = shared_.log.take_scale();
   const std::optional<RigidTransform> corrected = shared_.log.last_pose(shared_.map);
   if (!corrected) {
@@ -106,7 +106,7 @@ bool TrackingSession::initialize(FrameResult& result, TrackingLock& lock) {
   if (with_depth < kMinFirstPoints) return false;
   current_.T_cam_world = T_cam_origin_;
   make_keyframe(result, lock);
-  if (options_.geometry) start_.begin(current_);
+  if (options_.geometry) second_look_.begin(current_, shared_.log.reference);
   return true;
 }
 
@@ -197,7 +197,7 @@ void TrackingSession::restart_if_hopeless() {
   shared_.map.clear();
   movers_.clear();
   tracks_.clear();
-  start_.cancel();
+  second_look_.cancel();
   state_ = TrackingState::kNotInitialized;
 }
 
@@ -278,7 +278,7 @@ bool TrackingSession::jumped() const {
 void TrackingSession::update_velocity() {
   const Vector6d before = velocity_.value_or(Vector6d::Zero());
   const double doubt = velocity_ ? 1.0 : kUnknownVelocity;
-  velocity_.reset();
+  velocity_ = std::exchange(corrected_velocity_, std::nullopt);
   if (state_ == TrackingState::kRelocalized) {
     tracker_.forget_motion();
     return;
@@ -351,17 +351,19 @@ bool TrackingSession::locate(FrameResult& result, TrackingLock& lock) {
   return false;
 }
 
-// What is known of the time since the start rests on poses that are wrong. The first keyframe's
-// points do not: they come from its own depth image.
-void TrackingSession::forget_since_start(const RigidTransform& T_cam_world) {
+// What is known of the time since then rests on poses that are wrong. The points of the keyframe
+// do not: they come from its own depth image.
+void TrackingSession::forget_since_first_look(const RigidTransform& T_cam_world) {
   Map& map = shared_.map;
-  const double began = start_.first().timestamp, now = current_.timestamp;
-  const KeyframeId first = map.keyframe_ids().front();
-  const auto pose = [&](double timestamp) { return start_.between(timestamp, now, T_cam_world); };
-  shared_.log.repose(map, began, first, pose);
-  shared_.log.reference = first;
+  const double began = second_look_.first().timestamp, now = current_.timestamp;
+  const KeyframeId last = second_look_.keyframe();
+  const auto pose = [&](double timestamp) {
+    return second_look_.between(timestamp, now, T_cam_world);
+  };
+  shared_.log.repose(map, began, last, pose);
+  shared_.log.reference = last;
   for (const KeyframeId id : map.keyframe_ids()) {
-    if (id != first) map.erase_keyframe(id);
+    if (map.keyframe(id).timestamp > began) map.erase_keyframe(id);
   }
   for (const PointId id : map.point_ids()) {
     MapPoint& point = map.point(id);
@@ -373,20 +375,29 @@ void TrackingSession::forget_since_start(const RigidTransform& T_cam_world) {
   tracks_.repose(began, pose);
 }
 
-bool TrackingSession::correct_start(FrameResult& result, TrackingLock& lock) {
-  if (!start_.is_due(current_.timestamp)) return false;
+bool TrackingSession::look_back(FrameResult& result, TrackingLock& lock) {
+  const double now = current_.timestamp;
+  if (!options_.geometry || current_.depth.empty()) return false;
+  if (second_look_.is_over(now) && shared_.log.reference != kNoId) {
+    second_look_.begin_anew(current_, shared_.log.reference);
+    return false;
+  }
+  if (!second_look_.is_due(now)) return false;
   std::optional<RigidTransform> T_cam_world;
   {
     const ScopedTimer timer(result.ms.geometry);
     without_map(lock, [&] {
-      const auto motions = tracker_.guess_by_descriptors(start_.first(), current_);
-      T_cam_world = start_.contradict(motions, current_);
+      const auto motions = tracker_.guess_by_descriptors(second_look_.first(), current_);
+      T_cam_world = second_look_.contradict(motions, current_);
     });
   }
-  if (!T_cam_world) return false;
-  forget_since_start(*T_cam_world);
+  // The map may have been corrected, and the keyframe dropped, meanwhile.
+  if (shared_.map.find_keyframe(second_look_.keyframe()) == nullptr) second_look_.cancel();
+  if (!T_cam_world || second_look_.is_cancelled()) return false;
+  forget_since_first_look(*T_cam_world);
+  corrected_velocity_ = second_look_.velocity(now, *T_cam_world);
   tracker_.forget_alignment();
-  current_.reset(current_.features, current_.timestamp);
+  current_.reset(current_.features, now);
   current_.T_cam_world = *T_cam_world;
   find_movers(result, lock);
   result.inliers = tracker_.track_local_map(shared_.map, shared_.log.reference, current_, true);
@@ -400,7 +411,7 @@ void TrackingSession::step(FrameResult& result) {
   movers_found_ = false;
   const bool first = state_ == TrackingState::kNotInitialized;
   const bool located = locate(result, lock);
-  const bool corrected = located && !first && correct_start(result, lock);
+  const bool corrected = located && !first && look_back(result, lock);
   const TrackerTimes times = tracker_.take_times();
   result.state = state_;
   if (located && !first) {

@@ -14,8 +14,8 @@
 #include "frame_builder.hpp"
 #include "mono_initializer.hpp"
 #include "mover_detector.hpp"
+#include "second_look.hpp"
 #include "shared_map.hpp"
-#include "start_check.hpp"
 #include "tracked_frame.hpp"
 #include "tracker.hpp"
 
@@ -53,9 +53,9 @@ class TrackingSession {
   void find_movers(FrameResult& result, TrackingLock& lock);
   /// Whether the frame is elsewhere than any motion since the last one could have taken it.
   bool jumped() const;
-  /// Looks back at the start of the map; true if the camera was elsewhere than it was tracked.
-  bool correct_start(FrameResult& result, TrackingLock& lock);
-  void forget_since_start(const RigidTransform& T_cam_world);
+  /// Looks back at an earlier frame; true if the camera was elsewhere than it was tracked.
+  bool look_back(FrameResult& result, TrackingLock& lock);
+  void forget_since_first_look(const RigidTransform& T_cam_world);
   void update_velocity();
   void follow_corrections();
   template <typename Work>
@@ -69,20 +69,21 @@ class TrackingSession {
   MonoInitializer mono_;
   FeatureTracks tracks_;
   MoverDetector movers_;
-  StartCheck start_;
+  SecondLook second_look_;
   TrackedFrame current_, last_;
   TrackingState state_ = TrackingState::kNotInitialized;
   std::size_t frames_since_keyframe_ = 0;
   int most_inliers_ = 0;            // of the frames since the last keyframe
   std::size_t next_candidate_ = 0;  // where the search for a lost frame goes on
   double lost_since_ = 0.0;
-  bool movers_found_ = false;           // in the last frame
-  bool known_map_ = false;              // it is not dropped, however long the camera is lost
-  RigidTransform T_cam_origin_;         // pose of the frame that a map begins with
-  std::optional<Vector6d> velocity_;    // twist of T_cam_last a second
-  std::optional<RigidTransform> told_;  // T_cam_world of the last frame as it was returned
-  std::size_t told_loops_ = 0;          // and the loops beside it
-  std::uint64_t corrections_ = 0;       // of the map that the poses kept here know of
+  bool movers_found_ = false;         // in the last frame
+  bool known_map_ = false;            // it is not dropped, however long the camera is lost
+  RigidTransform T_cam_origin_;       // pose of the frame that a map begins with
+  std::optional<Vector6d> velocity_;  // twist of T_cam_last a second
+  std::optional<Vector6d> corrected_velocity_;  // the same by a second look at this frame
+  std::optional<RigidTransform> told_;          // T_cam_world of the last frame as it was returned
+  std::size_t told_loops_ = 0;                  // and the loops beside it
+  std::uint64_t corrections_ = 0;               // of the map that the poses kept here know of
 };
 
 }  // namespace dynslam::slam

@@ -28,6 +28,8 @@ constexpr double kDegree = 3.14159265358979 / 180.0;
 constexpr double kSame = 0.03;               // metres and radians by which motions are one
 constexpr float kSimilarBrightness = 20.0F;  // grey levels
 constexpr float kOddlyLit = 0.25F;           // worth of a point that agrees in shape alone
+constexpr float kAsBright = 8.0F;            // grey levels, of a surface that agrees
+constexpr float kFarthest = 5.0F;            // metres beyond which a cell covers no more
 constexpr double kLeastScore = 0.5;          // of a fit that is believed
 
 /// Twists, one a column.
@@ -41,12 +43,20 @@ struct Candidate {
 
 float tolerance(float z) { return 0.012F + 0.006F * z * z; }
 
+// Of a cell, up to a factor that all cells share.
+float square_metres(const Eigen::Vector3f& point) {
+  const float z = std::min(kFarthest, point.z());
+  return z * z;
+}
+
 /// Counts behind a SurfaceFit.
 struct Sightings {
   int points = 0, seen = 0, conflict = 0, behind = 0;
+  double surface = 0.0;
   struct Partner {
     float closeness;   // 0..1
     float difference;  // in brightness
+    float surface;
   };
   std::vector<Partner> partners;
 
@@ -65,8 +75,8 @@ void Sightings::add(const SurfaceGrid& a, std::size_t i, const SurfaceGrid& b, s
   if (std::abs(off) < limit && gap.squaredNorm() < 25.0F * limit * limit) {
     const bool lit = !a.gray.empty() && !b.gray.empty();
     const float r = off / limit;
-    partners.push_back(
-        {1.0F - r * r, lit ? a.gray.ptr<float>()[i] - b.gray.ptr<float>()[j] : 0.0F});
+    partners.push_back({1.0F - r * r, lit ? a.gray.ptr<float>()[i] - b.gray.ptr<float>()[j] : 0.0F,
+                        square_metres(a.points[i])});
   } else if (gap.z() < -2.0F * limit) {
     ++conflict;
   } else if (gap.z() > 2.0F * limit) {
@@ -86,6 +96,7 @@ void look(const SurfaceGrid& a, const SurfaceGrid& b, const PinholeCamera& camer
       const auto i = static_cast<std::size_t>(row * a.width + column);
       if (a.points[i].z() == 0.0F) continue;
       ++sightings.points;
+      sightings.surface += square_metres(a.points[i]);
       const Eigen::Vector3f p = R * a.points[i] + t;
       if (p.z() <= static_cast<float>(kMinDepth)) continue;
       const float u = fx * p.x() / p.z() + cx + 0.5F, v = fy * p.y() / p.z() + cy + 0.5F;
@@ -104,6 +115,23 @@ double worth(const Sightings& sightings, float exposure) {
   for (const auto& partner : sightings.partners) {
     const bool alike = std::abs(partner.difference - exposure) < kSimilarBrightness;
     sum += partner.closeness * (alike ? 1.0F : kOddlyLit);
+  }
+  return sum;
+}
+
+// How much brighter the first camera saw what both see.
+float exposure_of(const Sightings& sightings) {
+  std::vector<float> differences;
+  for (const auto& partner : sightings.partners) differences.push_back(partner.difference);
+  return differences.empty() ? 0.0F : median(differences);
+}
+
+double agreeing_surface(const Sightings& sightings, float exposure) {
+  double sum = 0.0;
+  for (const auto& partner : sightings.partners) {
+    if (std::abs(partner.difference - exposure) >= kAsBright) continue;
+    // As closeness, of half the tolerance.
+    sum += partner.surface * std::max(0.0F, 4.0F * partner.closeness - 3.0F);
   }
   return sum;
 }
@@ -297,14 +325,29 @@ SurfaceFit measure_fit(const SurfaceGrid& from, const SurfaceGrid& to, const Pin
   SurfaceFit fit;
   const int points = there.points + back.points;
   if (points == 0) return fit;
-  std::vector<float> differences;
-  for (const auto& partner : there.partners) differences.push_back(partner.difference);
-  const float exposure = differences.empty() ? 0.0F : median(differences);
+  const float exposure = exposure_of(there);
   fit.agree = (worth(there, exposure) + worth(back, -exposure)) / points;
   fit.conflict = static_cast<double>(there.conflict + back.conflict) / points;
   fit.behind = static_cast<double>(there.behind + back.behind) / points;
   fit.seen = static_cast<double>(there.seen + back.seen) / points;
   return fit;
+}
+
+double agreeing_surface(const SurfaceGrid& from, const SurfaceGrid& to, const PinholeCamera& camera,
+                        const RigidTransform& T_from_to, int step) {
+  Sightings there, back;
+  look(to, from, camera, T_from_to, step, there);
+  look(from, to, camera, T_from_to.inverse(), step, back);
+  const double all = there.surface + back.surface;
+  if (all == 0.0) return 0.0;
+  const float exposure = exposure_of(there);
+  return (agreeing_surface(there, exposure) + agreeing_surface(back, -exposure)) / all;
+}
+
+cv::Mat surface_by_cell(const SurfaceGrid& grid) {
+  cv::Mat surface(grid.height, grid.width, CV_32FC1);
+  std::transform(grid.points.begin(), grid.points.end(), surface.begin<float>(), square_metres);
+  return surface;
 }
 
 std::optional<WideAlignment> align_wide(const SurfaceGrid& from, const SurfaceGrid& to,

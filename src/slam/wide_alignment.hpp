@@ -30,6 +30,15 @@ struct SurfaceFit {
 SurfaceFit measure_fit(const SurfaceGrid& from, const SurfaceGrid& to, const PinholeCamera& camera,
                        const RigidTransform& T_from_to, int step);
 
+/// Surface that stays where it was under a motion, as a share of what both cameras see. A cell
+/// counts by the square metres that it covers, up to those at 5 m; it agrees if it lies within half
+/// of SurfaceFit's tolerance on the other surface, and is as bright. Looks as measure_fit does.
+double agreeing_surface(const SurfaceGrid& from, const SurfaceGrid& to, const PinholeCamera& camera,
+                        const RigidTransform& T_from_to, int step);
+
+/// Weights for SurfaceGrid::trust under which each square metre that is seen counts alike.
+cv::Mat surface_by_cell(const SurfaceGrid& grid);
+
 /// What align_wide found.
 struct WideAlignment {
   SurfaceAlignment alignment;

@@ -1,4 +1,4 @@
-#include "slam/start_check.hpp"
+#include "slam/second_look.hpp"
 
 #include <memory>
 
@@ -12,6 +12,7 @@ namespace dynslam::slam {
 namespace {
 
 constexpr std::size_t kLater = 12;  // frames at 30 Hz: 0.4 s
+constexpr KeyframeId kFirst = 7;
 
 DepthCamera camera() { return dataset::scene_camera(320, 240); }
 
@@ -38,18 +39,18 @@ TrackedFrame tracked(const dataset::Frame& frame, const RigidTransform& T_cam_wo
 // What a walker who is followed makes of a camera at rest: 0.5 m aside, turned back to the scene.
 RigidTransform captured() { return se3_exp((Vector6d() << 0.5, 0, 0, 0, -0.13, 0).finished()); }
 
-class StartOfAMap : public ::testing::Test {
+class SecondLookTest : public ::testing::Test {
  protected:
-  StartOfAMap() : first_(room(0)), later_(room(kLater)), check_(camera()) {
-    check_.begin(tracked(first_, RigidTransform()));
+  SecondLookTest() : first_(room(0)), later_(room(kLater)), check_(camera()) {
+    check_.begin(tracked(first_, RigidTransform()), kFirst);
     truth_ = later_.T_world_cam->inverse() * *first_.T_world_cam;
   }
   dataset::Frame first_, later_;
-  StartCheck check_;
+  SecondLook check_;
   RigidTransform truth_;  // T_cam_world of the later frame
 };
 
-TEST_F(StartOfAMap, TakesTheBackgroundsMotionInsteadOfTheMovers) {
+TEST_F(SecondLookTest, TakesTheBackgroundsMotionInsteadOfTheMovers) {
   TrackedFrame frame = tracked(later_, captured() * truth_);
   const RigidTransform motions[] = {captured(), truth_.inverse()};
   const auto corrected = check_.contradict(motions, frame);
@@ -57,18 +58,18 @@ TEST_F(StartOfAMap, TakesTheBackgroundsMotionInsteadOfTheMovers) {
   EXPECT_LT((corrected->t - truth_.t).norm(), 1e-9);
 }
 
-TEST_F(StartOfAMap, IsLeftAloneWhereItWasRight) {
+TEST_F(SecondLookTest, IsLeftAloneWhereItWasRight) {
   TrackedFrame frame = tracked(later_, truth_);
   const RigidTransform motions[] = {captured(), (captured() * truth_).inverse()};
   EXPECT_FALSE(check_.contradict(motions, frame).has_value());
 }
 
-TEST_F(StartOfAMap, IsLeftAloneWithoutOtherMotions) {
+TEST_F(SecondLookTest, IsLeftAloneWithoutOtherMotions) {
   TrackedFrame frame = tracked(later_, captured() * truth_);
   EXPECT_FALSE(check_.contradict({}, frame).has_value());
 }
 
-TEST_F(StartOfAMap, IsLookedAtTwiceAndNotLate) {
+TEST_F(SecondLookTest, IsLookedAtTwiceAndNotLate) {
   const double began = first_.timestamp;
   EXPECT_FALSE(check_.is_due(began + 0.1));
   EXPECT_TRUE(check_.is_due(began + 0.2));
@@ -81,16 +82,16 @@ TEST_F(StartOfAMap, IsLookedAtTwiceAndNotLate) {
   EXPECT_FALSE(check_.is_due(began + 0.4));
 }
 
-TEST_F(StartOfAMap, IsNotInQuestionOnceCancelledOrWithoutDepth) {
+TEST_F(SecondLookTest, IsNotInQuestionOnceCancelledOrWithoutDepth) {
   check_.cancel();
   EXPECT_FALSE(check_.is_due(first_.timestamp + 0.2));
   dataset::Frame blind = first_;
   blind.depth.release();
-  check_.begin(tracked(blind, RigidTransform()));
+  check_.begin(tracked(blind, RigidTransform()), kFirst);
   EXPECT_FALSE(check_.is_due(first_.timestamp + 0.2));
 }
 
-TEST_F(StartOfAMap, IsFilledInEvenlyUpToTheCorrection) {
+TEST_F(SecondLookTest, IsFilledInEvenlyUpToTheCorrection) {
   const RigidTransform corrected = captured();
   const auto at = [&](double share) {
     return check_.between(first_.timestamp + 0.4 * share, first_.timestamp + 0.4, corrected);
