@@ -69,7 +69,7 @@ struct Level {
   LevelImage image;
   LevelImage blurred;
   AxisTable columns, rows;
-  std::vector<Corner> corners;
+  std::vector<Corner> corners, crowd;  // elsewhere and there
   std::vector<Corner> chosen;
 };
 
@@ -112,12 +112,12 @@ struct OrbExtractor::Impl {
   std::vector<Level> levels;  // as many as this image has
   int width = 0;              // of the image that the levels are laid out for
   int height = 0;
-  detail::MaskProbe mask;
+  detail::MaskProbe mask, crowd;
   detail::CornerChooser chooser;
   std::vector<Corner> corners;
   std::vector<std::uint8_t> scores;
   std::vector<std::uint16_t> sums;
-  std::vector<int> available, take;
+  std::vector<int> asked, available, take;
   std::vector<std::int32_t> m10, m01;
   std::vector<detail::Rotation> rotations;
 
@@ -126,23 +126,24 @@ struct OrbExtractor::Impl {
     const double factor = static_cast<double>(options.scale_factor);
     for (int i = 0; i < options.levels; ++i)
       scales.push_back(static_cast<float>(std::pow(factor, i)));
-    share_features();
+    share_features(options.max_features, shares);
   }
 
   /// Shares proportional to 1 / scale: the number of corners of a given strength that a level holds
-  /// falls about as its side, not as its area. Rounded so that they sum to max_features.
-  void share_features() {
+  /// falls about as its side, not as its area. Rounded so that they sum to `budget`.
+  void share_features(int budget, std::vector<int>& parts) const {
     double sum = 0.0;
     for (const float scale : scales) sum += 1.0 / static_cast<double>(scale);
     double wanted = 0.0;
     int given = 0;
+    parts.clear();
     for (const float scale : scales) {
-      wanted += options.max_features / (static_cast<double>(scale) * sum);
-      const int upto = std::min(static_cast<int>(std::lround(wanted)), options.max_features);
-      shares.push_back(upto - given);
+      wanted += budget / (static_cast<double>(scale) * sum);
+      const int upto = std::min(static_cast<int>(std::lround(wanted)), budget);
+      parts.push_back(upto - given);
       given = upto;
     }
-    shares.back() += options.max_features - given;
+    parts.back() += budget - given;
   }
 
   void lay_out(int new_width, int new_height) {
@@ -213,23 +214,44 @@ struct OrbExtractor::Impl {
       count = chooser.drop_weak(options.cell_size, options.fast_threshold, image, corners.data(),
                                 count);
     }
-    level.corners.assign(corners.begin(), corners.begin() + count);
+    level.crowd.clear();
+    if (crowd.empty()) {
+      level.corners.assign(corners.begin(), corners.begin() + count);
+      return;
+    }
+    level.corners.clear();
+    for (int i = 0; i < count; ++i) {
+      const Corner& corner = corners[static_cast<std::size_t>(i)];
+      const bool there = detail::CornerChooser::is_covered(crowd, scale, corner);
+      (there ? level.crowd : level.corners).push_back(corner);
+    }
+  }
+
+  /// Adds those of one of two lists of every level's corners that a budget chooses; returns their
+  /// number.
+  int choose_from(std::vector<Corner> Level::*list, int budget) {
+    share_features(budget, asked);
+    available.assign(asked.size(), 0);
+    for (std::size_t i = 0; i < levels.size(); ++i) {
+      available[i] = static_cast<int>((levels[i].*list).size());
+    }
+    detail::divide_budget(asked, available, budget, take);
+    int count = 0;
+    for (std::size_t i = 0; i < levels.size(); ++i) {
+      count += chooser.spread(levels[i].*list, take[i], options.spread, levels[i].chosen);
+    }
+    return count;
   }
 
   /// Chooses the corners of every level; returns their number.
-  int choose_corners() {
-    available.assign(shares.size(), 0);
+  int choose_corners(const OrbBudget& budget) {
     for (std::size_t i = 0; i < levels.size(); ++i) {
       find_corners(levels[i], scales[i]);
-      available[i] = static_cast<int>(levels[i].corners.size());
+      levels[i].chosen.clear();
     }
-    detail::divide_budget(shares, available, options.max_features, take);
-    int count = 0;
-    for (std::size_t i = 0; i < levels.size(); ++i) {
-      chooser.spread(levels[i].corners, take[i], options.spread, levels[i].chosen);
-      count += static_cast<int>(levels[i].chosen.size());
-    }
-    return count;
+    const int elsewhere = choose_from(&Level::corners, budget.max_features);
+    if (crowd.empty()) return elsewhere;
+    return elsewhere + choose_from(&Level::crowd, budget.max_in_crowd);
   }
 
   /// Key points and descriptors of the chosen corners of a level.
@@ -312,6 +334,12 @@ void require_image(const char* where, GrayView image) {
   }
 }
 
+void require_size_of(const char* where, const char* name, MaskView mask, GrayView image) {
+  if (mask.empty() || mask.same_size(image)) return;
+  throw_invalid_argument(where, std::string(name) + " size", size_text(mask.width, mask.height),
+                         "the image's, " + size_text(image.width, image.height));
+}
+
 /// Rows without gaps, whatever part of whatever matrix `descriptors` was.
 void allocate(cv::Mat& descriptors, int rows) {
   if (!descriptors.isContinuous()) descriptors.release();
@@ -322,18 +350,25 @@ void allocate(cv::Mat& descriptors, int rows) {
 
 void OrbExtractor::extract(GrayView image, MaskView mask, std::vector<cv::KeyPoint>& keypoints,
                            cv::Mat& descriptors) {
+  extract(image, mask, {impl_->options.max_features, {}, 0}, keypoints, descriptors);
+}
+
+void OrbExtractor::extract(GrayView image, MaskView mask, const OrbBudget& budget,
+                           std::vector<cv::KeyPoint>& keypoints, cv::Mat& descriptors) {
   constexpr const char* where = "OrbExtractor::extract";
   require_image(where, image);
-  if (!mask.empty() && !mask.same_size(image)) {
-    throw_invalid_argument(where, "mask size", size_text(mask.width, mask.height),
-                           "the image's, " + size_text(image.width, image.height));
-  }
+  require_size_of(where, "mask", mask, image);
+  require_size_of(where, "crowd", budget.crowd, image);
+  require(budget.max_features >= 1, where, "max_features", budget.max_features, ">= 1");
+  require(budget.max_in_crowd >= 0, where, "max_in_crowd", budget.max_in_crowd, ">= 0");
 
   Impl& impl = *impl_;
   impl.build_pyramid(image);
   impl.mask.reset(mask, impl.options.mask_margin);
-  const int count = impl.choose_corners();
+  impl.crowd.reset(budget.crowd, 0);
+  const int count = impl.choose_corners(budget);
   impl.mask.reset({}, 0);
+  impl.crowd.reset({}, 0);
   keypoints.resize(static_cast<std::size_t>(count));
   if (count == 0) {
     descriptors.release();

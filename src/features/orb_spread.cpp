@@ -37,12 +37,7 @@ bool MaskProbe::is_set(int x, int y) const {
 }
 
 int CornerChooser::drop_masked(const MaskProbe& mask, float scale, Corner* corners, int count) {
-  // Positive: half up is as good as lround, and no call.
-  const auto nearest = [](float at) { return static_cast<int>(at + 0.5F); };
-  const auto covered = [&](const Corner& corner) {
-    return mask.is_set(nearest(level0_coordinate(corner.x, corner.dx, scale)),
-                       nearest(level0_coordinate(corner.y, corner.dy, scale)));
-  };
+  const auto covered = [&](const Corner& corner) { return is_covered(mask, scale, corner); };
   return static_cast<int>(std::remove_if(corners, corners + count, covered) - corners);
 }
 
@@ -216,14 +211,14 @@ void CornerChooser::pick_strongest(const std::vector<Corner>& corners, int count
   }
 }
 
-void CornerChooser::spread(const std::vector<Corner>& corners, int target, float even_share,
-                           std::vector<Corner>& chosen) {
-  chosen.clear();
-  if (target <= 0 || corners.empty()) return;
+int CornerChooser::spread(const std::vector<Corner>& corners, int target, float even_share,
+                          std::vector<Corner>& chosen) {
+  if (target <= 0 || corners.empty()) return 0;
   if (corners.size() <= static_cast<std::size_t>(target)) {
-    chosen = corners;
-    return;
+    chosen.insert(chosen.end(), corners.begin(), corners.end());
+    return static_cast<int>(corners.size());
   }
+  const std::size_t before = chosen.size();
   sort_by_place(corners);
   picked_.assign(corners.size(), 0);
   const int evenly = static_cast<int>(std::lround(static_cast<float>(target) * even_share));
@@ -233,6 +228,7 @@ void CornerChooser::spread(const std::vector<Corner>& corners, int target, float
   for (std::size_t i = 0; i < sorted_.size(); ++i) {
     if (picked_[i] != 0) chosen.push_back(corners[static_cast<std::uint32_t>(sorted_[i])]);
   }
+  return static_cast<int>(chosen.size() - before);
 }
 
 void divide_budget(const std::vector<int>& shares, const std::vector<int>& available,

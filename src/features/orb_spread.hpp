@@ -41,6 +41,14 @@ inline int level_pixel(float level0, float scale) {
 /// Chooses among corners; keeps its scratch between calls.
 class CornerChooser {
  public:
+  /// Whether a mask covers a corner of a level.
+  static bool is_covered(const MaskProbe& mask, float scale, const Corner& corner) {
+    // Positive: half up is as good as lround, and no call.
+    const auto nearest = [](float at) { return static_cast<int>(at + 0.5F); };
+    return mask.is_set(nearest(level0_coordinate(corner.x, corner.dx, scale)),
+                       nearest(level0_coordinate(corner.y, corner.dy, scale)));
+  }
+
   /// Drops the corners of a level that the mask covers. Returns the number left, in order.
   static int drop_masked(const MaskProbe& mask, float scale, Corner* corners, int count);
 
@@ -48,15 +56,15 @@ class CornerChooser {
   /// number left, in order.
   int drop_weak(int cell_size, int threshold, const PixelBlock& level, Corner* corners, int count);
 
-  /// Replaces `chosen` by `target` of the corners (all, if there are no more), in the order of the
-  /// quadtree.
+  /// Adds `target` of the corners (all, if there are no more) to `chosen`, in the order of the
+  /// quadtree. Returns how many it added.
   ///
   /// `even_share` of them, 0..1, are spread evenly: the square around the level is quartered, its
   /// quarters are quartered, and so on, all of a size before any smaller and the fullest first,
   /// until there are as many squares with corners as are asked for; the strongest of each square is
   /// taken. The others are the strongest of the rest, wherever they are.
-  void spread(const std::vector<Corner>& corners, int target, float even_share,
-              std::vector<Corner>& chosen);
+  int spread(const std::vector<Corner>& corners, int target, float even_share,
+             std::vector<Corner>& chosen);
 
  private:
   struct Node {

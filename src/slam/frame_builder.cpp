@@ -18,6 +18,13 @@ namespace {
 
 constexpr const char* kTrack = "System::track";
 
+// Shares of the features asked for: how many more for each share of the image that is hidden, at
+// the most, and how many on what moved a frame ago.
+constexpr double kMoreForHidden = 2.0;
+constexpr double kMostMore = 0.6;
+constexpr double kCrowdShare = 0.25;
+constexpr int kStepsToCross = 80;  // frames in which a mover crosses the image: it has gone on
+
 std::string describe(const cv::Mat& image) {
   return std::to_string(image.cols) + "x" + std::to_string(image.rows) + " " +
          cv::typeToString(image.type());
@@ -59,21 +66,39 @@ void FrameBuilder::require_valid(const FrameInput& frame) const {
   if (!frame.mask.empty()) check("mask", frame.mask, frame.mask.type() == CV_8UC1, "CV_8UC1");
 }
 
-FrameFeaturesPtr FrameBuilder::build(const FrameInput& frame) {
+// What moves is of no use to the pose, and what it hides was. Some features stay on it, so that
+// they tell when it stops, and that what was accused wrongly is seen again.
+features::OrbBudget FrameBuilder::budget(double masked_share, const KnownMovers& movers) {
+  features::OrbBudget budget;
+  const int wanted = extractor_.options().max_features;
+  budget.max_features = wanted;
+  if (!geometry_) return budget;
+  const double more = std::min(kMostMore, kMoreForHidden * (masked_share + movers.share));
+  budget.max_features = static_cast<int>(std::lround(wanted * (1.0 + more)));
+  if (movers.mask.empty()) return budget;
+  const int side = 2 * (camera_.width / kStepsToCross) + 1;
+  cv::dilate(movers.mask, crowd_, cv::getStructuringElement(cv::MORPH_RECT, {side, side}));
+  budget.crowd = as_view<const std::uint8_t>(crowd_);
+  budget.max_in_crowd = static_cast<int>(std::lround(kCrowdShare * wanted));
+  return budget;
+}
+
+FrameFeaturesPtr FrameBuilder::build(const FrameInput& frame, const KnownMovers& movers) {
   auto features = std::make_shared<FrameFeatures>();
   if (frame.image.channels() == 3) {
     cv::cvtColor(frame.image, gray_, cv::COLOR_BGR2GRAY);
   } else {
     frame.image.copyTo(gray_);  // the caller's pixels are not kept
   }
-  extractor_.extract(as_view<const std::uint8_t>(gray_), as_view<const std::uint8_t>(frame.mask),
-                     features->keypoints, features->descriptors);
-  features->grid.build(field(features->keypoints, &cv::KeyPoint::pt), camera_.width,
-                       camera_.height);
   if (!frame.mask.empty()) {
     features->masked_share =
         static_cast<float>(cv::countNonZero(frame.mask)) / static_cast<float>(frame.mask.total());
   }
+  extractor_.extract(as_view<const std::uint8_t>(gray_), as_view<const std::uint8_t>(frame.mask),
+                     budget(features->masked_share, movers), features->keypoints,
+                     features->descriptors);
+  features->grid.build(field(features->keypoints, &cv::KeyPoint::pt), camera_.width,
+                       camera_.height);
   features->colors.resize(features->size());
   for (std::size_t i = 0; i < features->size(); ++i) {
     const cv::Point at(features->keypoints[i].pt);

@@ -16,6 +16,12 @@
 
 namespace dynslam::slam {
 
+/// What moved in the frame before, outside of its own mask.
+struct KnownMovers {
+  cv::Mat mask;        ///< CV_8UC1, not 0 where something moved; empty: nothing is known
+  double share = 0.0;  ///< of the image, 0..1
+};
+
 class FrameBuilder {
  public:
   FrameBuilder(const DepthCamera& camera, const SystemOptions& options);
@@ -24,7 +30,9 @@ class FrameBuilder {
   /// must give.
   void require_valid(const FrameInput& frame) const;
 
-  FrameFeaturesPtr build(const FrameInput& frame);
+  /// With geometry the features are spread off what is masked and what moved a frame ago; the more
+  /// of the image that hides, the more there are.
+  FrameFeaturesPtr build(const FrameInput& frame, const KnownMovers& movers);
 
   /// Sets the depth of `copy`, without what is masked, and for the search for movers its mask and
   /// hidden depth; releases what the frame does not have or nobody asks for.
@@ -38,6 +46,7 @@ class FrameBuilder {
   const std::vector<float>& scale_factors() const { return extractor_.scale_factors(); }
 
  private:
+  features::OrbBudget budget(double masked_share, const KnownMovers& movers);
   void add_depth(const cv::Mat& depth, FrameFeatures& features) const;
   void add_stereo(const cv::Mat& right, FrameFeatures& features);
 
@@ -48,7 +57,7 @@ class FrameBuilder {
   double max_stereo_depth_;
   features::OrbExtractor extractor_;
   std::optional<StereoMatcher> stereo_;
-  cv::Mat gray_, gray_cells_, right_gray_;
+  cv::Mat gray_, gray_cells_, right_gray_, crowd_;
 };
 
 }  // namespace dynslam::slam

@@ -456,7 +456,10 @@ FrameResult TrackingSession::track(const FrameInput& frame) {
     const ScopedTimer whole(result.ms.total);
     {
       const ScopedTimer timer(result.ms.extract);
-      current_.reset(builder_.build(frame), frame.timestamp);
+      KnownMovers before;
+      const bool just_now = frame.timestamp - last_.timestamp <= kWideStep;
+      if (movers_found_ && just_now) before = {movers_.mask(), movers_.masked_share()};
+      current_.reset(builder_.build(frame, before), frame.timestamp);
       builder_.copy_depth(frame, current_);
       builder_.swap_gray(current_.gray);
       current_.gray_cells = builder_.gray_cells().clone();

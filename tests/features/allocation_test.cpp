@@ -33,6 +33,19 @@ TEST_F(Allocations, OfASecondExtractionAreNone) {
   EXPECT_EQ(allocations_of([&] { frame.extract(); }), 0);
 }
 
+TEST_F(Allocations, OfASecondExtractionWithACrowdAreNone) {
+  Frame frame;
+  cv::Mat crowd = cv::Mat::zeros(frame.image.size(), CV_8UC1);
+  crowd(cv::Rect(60, 40, 150, 150)) = 255;
+  const OrbBudget budget{800, as_view<const std::uint8_t>(crowd), 100};
+  const auto extract = [&] {
+    frame.extractor.extract(as_view<const std::uint8_t>(frame.image), {}, budget, frame.keypoints,
+                            frame.descriptors);
+  };
+  EXPECT_GT(allocations_of(extract), 0);
+  EXPECT_EQ(allocations_of(extract), 0);
+}
+
 TEST_F(Allocations, OfASecondGridAndASecondWindowMatchAreNone) {
   Frame frame;
   frame.extract();

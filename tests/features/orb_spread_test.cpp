@@ -34,7 +34,8 @@ TEST(CornerChooser, ReturnsExactlyAsManyAsAskedForAndNoneTwice) {
     const std::vector<Corner> corners = corners_of_seed(count, 640, 480, 1);
     for (const int target : {0, 1, 2, 3, 4, 5, 16, 17, 100, 999, 5000}) {
       for (const float share : {0.0F, 0.1F, 0.5F, 1.0F}) {
-        chooser.spread(corners, target, share, chosen);
+        chosen.clear();
+        EXPECT_EQ(chooser.spread(corners, target, share, chosen), std::min(count, target));
         EXPECT_EQ(static_cast<int>(chosen.size()), std::min(count, target));
         std::set<std::pair<int, int>> places;
         for (const Corner& corner : chosen) places.insert({corner.x, corner.y});
@@ -42,6 +43,18 @@ TEST(CornerChooser, ReturnsExactlyAsManyAsAskedForAndNoneTwice) {
       }
     }
   }
+}
+
+TEST(CornerChooser, AddsToWhatWasChosenBefore) {
+  CornerChooser chooser;
+  const std::vector<Corner> corners = corners_of_seed(500, 640, 480, 3);
+  const std::vector<Corner> others = corners_of_seed(5, 640, 480, 4);
+  std::vector<Corner> chosen;
+  EXPECT_EQ(chooser.spread(corners, 100, 0.5F, chosen), 100);
+  const Corner first = chosen.front();
+  EXPECT_EQ(chooser.spread(others, 100, 0.5F, chosen), 5);
+  EXPECT_EQ(chosen.size(), 105U);
+  EXPECT_TRUE(chosen.front().x == first.x && chosen.front().y == first.y);
 }
 
 TEST(CornerChooser, TakesTheStrongestIfAskedForOne) {

@@ -106,6 +106,61 @@ TEST(OrbExtractor, NeverReturnsAFeatureOnTheMaskAndSpendsTheBudgetElsewhere) {
   }
 }
 
+TEST(OrbExtractor, GivesACrowdABudgetOfItsOwn) {
+  const cv::Mat image = texture(640, 480);
+  cv::Mat crowd = cv::Mat::zeros(image.size(), CV_8UC1);
+  cv::circle(crowd, {250, 240}, 150, cv::Scalar(255), cv::FILLED);
+  cv::Mat mask = cv::Mat::zeros(image.size(), CV_8UC1);
+  mask(cv::Rect(240, 0, 60, 480)) = 1;  // some of both
+  OrbExtractor extractor;
+  for (const auto& [elsewhere, there] :
+       {std::pair(1500, 250), std::pair(1000, 0), std::pair(1, 700)}) {
+    Features features;
+    extractor.extract(view(image), view(mask), {elsewhere, view(crowd), there}, features.keypoints,
+                      features.descriptors);
+    int in_crowd = 0;
+    for (const cv::KeyPoint& k : features.keypoints) {
+      const cv::Point at(cvRound(k.pt.x), cvRound(k.pt.y));
+      EXPECT_EQ(mask.at<std::uint8_t>(at), 0) << k.pt;
+      in_crowd += crowd.at<std::uint8_t>(at) != 0;
+    }
+    EXPECT_EQ(in_crowd, there);
+    EXPECT_EQ(features.keypoints.size(), static_cast<std::size_t>(elsewhere + there));
+    EXPECT_EQ(features.descriptors.rows, elsewhere + there);
+  }
+}
+
+TEST(OrbExtractor, BudgetOfOneImageCountsInsteadOfTheOptions) {
+  const cv::Mat image = texture(640, 480);
+  OrbOptions options;
+  options.max_features = 300;
+  const Features expected = extract(image, {}, options);
+  OrbExtractor extractor;
+  Features features;
+  extractor.extract(view(image), {}, {300, {}, 0}, features.keypoints, features.descriptors);
+  EXPECT_TRUE(same(features, expected));
+  const cv::Mat nobody = cv::Mat::zeros(image.size(), CV_8UC1);
+  extractor.extract(view(image), {}, {300, view(nobody), 100}, features.keypoints,
+                    features.descriptors);
+  EXPECT_TRUE(same(features, expected));
+  extractor.extract(view(image), {}, features.keypoints, features.descriptors);
+  EXPECT_EQ(features.keypoints.size(), 1000U);
+}
+
+TEST(OrbExtractor, RefusesBudgetsThatBreakTheirRules) {
+  const cv::Mat image = texture(320, 240);
+  const cv::Mat narrow = cv::Mat::zeros(240, 319, CV_8UC1);
+  OrbExtractor extractor;
+  Features features = extract(image);
+  const std::size_t before = features.keypoints.size();
+  for (const OrbBudget& bad :
+       {OrbBudget{0, {}, 0}, OrbBudget{1000, {}, -1}, OrbBudget{1000, view(narrow), 100}}) {
+    EXPECT_THROW(extractor.extract(view(image), {}, bad, features.keypoints, features.descriptors),
+                 InvalidArgument);
+  }
+  EXPECT_EQ(features.keypoints.size(), before);
+}
+
 TEST(OrbExtractor, KeepsTheMarginOffTheMask) {
   const cv::Mat image = texture(640, 480);
   cv::Mat mask = cv::Mat::zeros(image.size(), CV_8UC1);

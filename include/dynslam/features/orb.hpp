@@ -62,6 +62,17 @@ struct OrbOptions {
   void validate() const;
 };
 
+/// How many key points an image gets, and where.
+struct OrbBudget {
+  /// Most key points outside of `crowd`, >= 1.
+  int max_features = 1000;
+  /// Empty, or of the image's size: where it is not 0 key points have a budget of their own, so
+  /// that what is of less use there takes none from the rest of the image.
+  MaskView crowd = {};
+  /// Most key points on `crowd`, >= 0, beside `max_features`.
+  int max_in_crowd = 0;
+};
+
 /// Finds FAST-9 corners on an image pyramid, spreads them, and describes them with the steered
 /// 256-pair BRIEF of the ORB paper.
 ///
@@ -117,6 +128,12 @@ class OrbExtractor {
   /// this writes into the matrix it is given, so hand in a fresh one to keep the old rows.
   void extract(GrayView image, MaskView mask, std::vector<cv::KeyPoint>& keypoints,
                cv::Mat& descriptors);
+
+  /// The same with a budget for this image alone, in place of OrbOptions::max_features. Throws
+  /// InvalidArgument as well if a number of the budget breaks its rule or the crowd has another
+  /// size than the image.
+  void extract(GrayView image, MaskView mask, const OrbBudget& budget,
+               std::vector<cv::KeyPoint>& keypoints, cv::Mat& descriptors);
 
   /// Descriptors (N x 32, CV_8U) of key points found elsewhere, at their `pt`,
   /// `angle` (degrees) and `octave`; row i belongs to keypoints[i].
