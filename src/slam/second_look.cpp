@@ -11,7 +11,7 @@ namespace {
 
 // Seconds after the first frame: what walks has moved by half of its width, then by all of it.
 constexpr double kEarlyLooks[] = {0.2, 0.4};
-constexpr double kLaterLooks[] = {0.4};
+constexpr double kLaterLooks[] = {0.2};
 constexpr double kTooLate = 1.0;     // by then too little is left of what the first frame saw
 constexpr double kSame = 0.03;       // metres and radians by which two motions may differ
 constexpr double kClearly = 1.5;     // times as much surface must agree with the other motion
@@ -58,6 +58,7 @@ void SecondLook::begin_anew(TrackedFrame& first, KeyframeId keyframe) {
   if (!ensure_surface(camera_, first)) return;
   take(first, keyframe);
   first_.surface = first.surface;
+  first_.surface.gray = first.surface.gray.clone();  // images share what they hold
   first_.surface.trust = surface_by_cell(first_.surface);
   looks_ = kLaterLooks;
 }
@@ -87,7 +88,9 @@ std::optional<RigidTransform> SecondLook::contradict(Span<const RigidTransform> 
     return agreeing_surface(first_.surface, frame.surface, camera_, T_first_cam, kStep);
   };
   const RigidTransform tracked = first_.T_cam_world * frame.T_cam_world.inverse();
-  double best = std::max(agreement(tracked), agreement(polished(tracked, kHeld, frame)));
+  const RigidTransform held = polished(tracked, kHeld, frame);
+  double best = agreement(tracked);
+  if (same(held, tracked)) best = std::max(best, agreement(held));
   best = std::max(kLeastShare, kClearly * best);
   std::optional<RigidTransform> T_cam_world;
   const auto consider = [&](const RigidTransform& T_first_cam) {
@@ -97,6 +100,7 @@ std::optional<RigidTransform> SecondLook::contradict(Span<const RigidTransform> 
     best = agree;
     T_cam_world = (T_first_cam.inverse() * first_.T_cam_world).normalized();
   };
+  consider(held);
   consider(polished(tracked, kFree, frame));
   for (const RigidTransform& motion : motions) {
     if (same(motion, tracked)) continue;

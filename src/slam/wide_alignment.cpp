@@ -49,10 +49,21 @@ float square_metres(const Eigen::Vector3f& point) {
   return z * z;
 }
 
+// Brightness between the middles of four cells; u, v in cells.
+float brightness(const cv::Mat& gray, float u, float v) {
+  const float x = std::clamp(u - 0.5F, 0.0F, static_cast<float>(gray.cols) - 1.001F);
+  const float y = std::clamp(v - 0.5F, 0.0F, static_cast<float>(gray.rows) - 1.001F);
+  const int column = static_cast<int>(x), row = static_cast<int>(y);
+  const float a = x - static_cast<float>(column), b = y - static_cast<float>(row);
+  const float* upper = gray.ptr<float>(row) + column;
+  const float* lower = gray.ptr<float>(row + 1) + column;
+  return (1 - b) * ((1 - a) * upper[0] + a * upper[1]) + b * ((1 - a) * lower[0] + a * lower[1]);
+}
+
 /// Counts behind a SurfaceFit.
 struct Sightings {
   int points = 0, seen = 0, conflict = 0, behind = 0;
-  double surface = 0.0;
+  double surface = 0.0;  // of the points
   struct Partner {
     float closeness;   // 0..1
     float difference;  // in brightness
@@ -60,13 +71,15 @@ struct Sightings {
   };
   std::vector<Partner> partners;
 
-  void add(const SurfaceGrid& a, std::size_t i, const SurfaceGrid& b, std::size_t j,
+  void add(const SurfaceGrid& a, std::size_t i, const SurfaceGrid& b, float u, float v,
            const Eigen::Vector3f& p);
 };
 
-// Point i of `a`, in coordinates of `b`'s camera, falls on cell j of `b`.
-void Sightings::add(const SurfaceGrid& a, std::size_t i, const SurfaceGrid& b, std::size_t j,
+// Point i of `a`, `p` in coordinates of `b`'s camera, falls on (u, v) of b's cells.
+void Sightings::add(const SurfaceGrid& a, std::size_t i, const SurfaceGrid& b, float u, float v,
                     const Eigen::Vector3f& p) {
+  const auto j = static_cast<std::size_t>(static_cast<int>(v) * b.width + static_cast<int>(u));
+  if (b.points[j].z() == 0.0F) return;
   ++seen;
   const Eigen::Vector3f gap = p - b.points[j];
   const float limit = tolerance(p.z());
@@ -75,7 +88,8 @@ void Sightings::add(const SurfaceGrid& a, std::size_t i, const SurfaceGrid& b, s
   if (std::abs(off) < limit && gap.squaredNorm() < 25.0F * limit * limit) {
     const bool lit = !a.gray.empty() && !b.gray.empty();
     const float r = off / limit;
-    partners.push_back({1.0F - r * r, lit ? a.gray.ptr<float>()[i] - b.gray.ptr<float>()[j] : 0.0F,
+    partners.push_back({1.0F - r * r,
+                        lit ? a.gray.ptr<float>()[i] - brightness(b.gray, u, v) : 0.0F,
                         square_metres(a.points[i])});
   } else if (gap.z() < -2.0F * limit) {
     ++conflict;
@@ -99,12 +113,12 @@ void look(const SurfaceGrid& a, const SurfaceGrid& b, const PinholeCamera& camer
       sightings.surface += square_metres(a.points[i]);
       const Eigen::Vector3f p = R * a.points[i] + t;
       if (p.z() <= static_cast<float>(kMinDepth)) continue;
-      const float u = fx * p.x() / p.z() + cx + 0.5F, v = fy * p.y() / p.z() + cy + 0.5F;
+      const float u = (fx * p.x() / p.z() + cx + 0.5F) / kSurfaceCell;
+      const float v = (fy * p.y() / p.z() + cy + 0.5F) / kSurfaceCell;
       if (!(u >= 0.0F && v >= 0.0F)) continue;
-      const int x = static_cast<int>(u) / kSurfaceCell, y = static_cast<int>(v) / kSurfaceCell;
-      if (x >= b.width || y >= b.height) continue;
-      const auto j = static_cast<std::size_t>(y * b.width + x);
-      if (b.points[j].z() != 0.0F) sightings.add(a, i, b, j, p);
+      if (u < static_cast<float>(b.width) && v < static_cast<float>(b.height)) {
+        sightings.add(a, i, b, u, v, p);
+      }
     }
   }
 }

@@ -133,5 +133,25 @@ TEST_F(MoverDetectorTest, WhatSlidesWithinItsPlaneIsToldByItsLooksAlone) {
   EXPECT_LT(cv::countNonZero(found), 1.1 * curtain.area());
 }
 
+// Where somebody masks people, what tracking itself finds looks at a quarter of the cells.
+TEST_F(MoverDetectorTest, WhatSlidesBesideAMaskIsLetGoOfByTracking) {
+  const cv::Rect curtain(200, 160, 160, 160), person(400, 160, 80, 240);
+  cv::Mat depth = wall(), mask = cv::Mat::zeros(480, 640, CV_8UC1);
+  depth(curtain).setTo(2.0F);
+  depth(person).setTo(2.0F);
+  mask(person).setTo(255);
+  const cv::Rect cells(curtain.x / kSurfaceCell, curtain.y / kSurfaceCell,
+                       curtain.width / kSurfaceCell, curtain.height / kSurfaceCell);
+  for (int i = 0; i < 6; ++i) show(depth, mask, painted_cells(0));
+  EXPECT_EQ(cv::countNonZero(detector_.mask()), 0);
+  for (int i = 1; i <= 6; ++i) {
+    cv::Mat gray_cells = painted_cells(0);
+    painted_cells(4 * i)(cells).copyTo(gray_cells(cells));
+    show(depth, mask, gray_cells);
+  }
+  EXPECT_GT(share(detector_.mask(), curtain), 0.9);
+  EXPECT_LT(cv::countNonZero(detector_.mask()), 1.2 * curtain.area());
+}
+
 }  // namespace
 }  // namespace dynslam::slam

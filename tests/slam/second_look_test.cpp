@@ -64,9 +64,20 @@ TEST_F(SecondLookTest, IsLeftAloneWhereItWasRight) {
   EXPECT_FALSE(check_.contradict(motions, frame).has_value());
 }
 
-TEST_F(SecondLookTest, IsLeftAloneWithoutOtherMotions) {
+TEST_F(SecondLookTest, FindsTheBackgroundsMotionByDepthWhereFeaturesDoNot) {
+  const Vector6d aside = 0.15 * Vector6d::Unit(0);
+  TrackedFrame frame = tracked(later_, se3_exp(aside) * truth_);
+  const auto corrected = check_.contradict({}, frame);
+  ASSERT_TRUE(corrected.has_value());
+  EXPECT_LT((corrected->t - truth_.t).norm(), 0.02);
+  EXPECT_LT(so3_log(corrected->R * truth_.R.transpose()).norm(), 0.01);
+}
+
+TEST_F(SecondLookTest, IsLeftAloneWhereTheTwoFramesShareNoSurface) {
   TrackedFrame frame = tracked(later_, captured() * truth_);
-  EXPECT_FALSE(check_.contradict({}, frame).has_value());
+  frame.depth.setTo(0.5F);  // a hand over the lens
+  const RigidTransform motions[] = {truth_.inverse()};
+  EXPECT_FALSE(check_.contradict(motions, frame).has_value());
 }
 
 TEST_F(SecondLookTest, IsLookedAtTwiceAndNotLate) {
@@ -80,6 +91,23 @@ TEST_F(SecondLookTest, IsLookedAtTwiceAndNotLate) {
   EXPECT_TRUE(check_.is_due(began + 0.4));
   check_.contradict({}, frame);
   EXPECT_FALSE(check_.is_due(began + 0.4));
+}
+
+TEST_F(SecondLookTest, GoesOnFromALaterFrameOnce) {
+  constexpr KeyframeId kLast = 9;
+  TrackedFrame later = tracked(later_, truth_);
+  check_.begin_anew(later, kLast);
+  EXPECT_EQ(check_.keyframe(), kLast);
+  const double began = later_.timestamp;
+  EXPECT_FALSE(check_.is_due(began + 0.1));
+  EXPECT_TRUE(check_.is_due(began + 0.2));
+  EXPECT_FALSE(check_.is_over(began + 0.2));
+  check_.contradict({}, later);
+  EXPECT_TRUE(check_.is_over(began + 0.2));
+  TrackedFrame blind = tracked(later_, truth_);
+  blind.depth.release();
+  check_.begin_anew(blind, kLast);
+  EXPECT_TRUE(check_.is_over(began)) << "nothing to look back at";
 }
 
 TEST_F(SecondLookTest, IsNotInQuestionOnceCancelledOrWithoutDepth) {

@@ -119,6 +119,43 @@ TEST(SurfaceFit, ForgivesAChangeOfExposure) {
   EXPECT_GT(measure_fit(dark, bright, camera(), RigidTransform(), 2).agree, 0.95);
 }
 
+// A panel 1 m away hides four tenths of a wall 3 m away: a fifteenth of what is seen, in metres.
+TEST(AgreeingSurface, CountsSquareMetresAndNotCells) {
+  cv::Mat depth(240, 320, CV_32FC1, cv::Scalar(3.0));
+  const cv::Rect panel(80, 30, 160, 192);
+  depth(panel).setTo(1.0);
+  cv::Mat without_wall = depth.clone(), without_panel = depth.clone();
+  without_panel(panel).setTo(0.0);
+  without_wall.setTo(0.0);
+  without_wall(panel).setTo(1.0);
+  const SurfaceGrid all = grid_of(depth);
+  const auto agreeing = [&](const cv::Mat& other) {
+    return agreeing_surface(all, grid_of(other), camera(), RigidTransform(), 1);
+  };
+  EXPECT_NEAR(agreeing(depth), 1.0, 0.01);
+  // Of both images' surfaces: of one the whole, of the other what is in both.
+  EXPECT_NEAR(agreeing(without_panel), 2 * 0.93 / (1 + 0.93), 0.03);
+  EXPECT_NEAR(agreeing(without_wall), 2 * 0.07 / (1 + 0.07), 0.03);
+}
+
+TEST(AgreeingSurface, DropsWithEachMotionButTheTrueOne) {
+  const dataset::Frame a = room(0), b = room(kWide);
+  const SurfaceGrid from = grid_of(a), to = grid_of(b);
+  const RigidTransform truth = a.T_world_cam->inverse() * *b.T_world_cam;
+  const double best = agreeing_surface(from, to, camera(), truth, 2);
+  EXPECT_GT(best, 0.2);
+  for (int axis = 0; axis < 6; ++axis) {
+    for (const double length : {-0.1, 0.1}) {
+      const RigidTransform moved = se3_exp(length * Vector6d::Unit(axis)) * truth;
+      EXPECT_LT(agreeing_surface(from, to, camera(), moved, 2), 0.8 * best) << "axis " << axis;
+    }
+  }
+}
+
+TEST(AgreeingSurface, IsNothingBetweenEmptyGrids) {
+  EXPECT_EQ(agreeing_surface({}, {}, camera(), RigidTransform(), 2), 0.0);
+}
+
 TEST(SurfaceFit, IsNothingBetweenEmptyGrids) {
   const SurfaceFit fit = measure_fit({}, {}, camera(), RigidTransform(), 2);
   EXPECT_EQ(fit.seen, 0.0);
