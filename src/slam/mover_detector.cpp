@@ -20,7 +20,7 @@ constexpr std::size_t kReferences = 5;       // P-Static
 constexpr std::size_t kMostRemembered = 24;  // frames
 constexpr double kShortestGap = 0.05;        // seconds between remembered frames
 constexpr float kLeastTrust = 0.05F;         // in what does not move as far as is known
-constexpr double kLikely = 0.2;              // log-odds from which users are told that it moves
+constexpr double kLikely = 0.15;             // log-odds from which users are told that it moves
 constexpr double kMostOfIt = 0.9;            // share of a region known to move that tells of it all
 constexpr double kKnown = 0.7;               // share of a region's cells that have to be known
 constexpr double kDoubt = 0.1;               // weight of no evidence: all is shown to users
@@ -29,6 +29,7 @@ constexpr int kSmallest = 2;                 // cells: movers are seen through g
 constexpr int kCoarseness = 4;               // strides of the fine grid between coarse samples
 constexpr int kQuarter = 2;                  // and between the cells whose looks tracking asks
 constexpr double kLooks = 1.5;               // most log-odds that one reference's looks add there
+constexpr float kRememberedLooks = 0.2F;     // share of that which later frames hear of
 
 // Every kQuarter-th cell of a row and column.
 void sample_quarter(const geometry::DepthEvidence& all, geometry::DepthEvidence& quarter) {
@@ -47,20 +48,24 @@ void sample_quarter(const geometry::DepthEvidence& all, geometry::DepthEvidence&
   }
 }
 
-// Adds what a quarter of the cells have learnt since they were sampled to all that have depth.
-void spread_quarter(geometry::DepthEvidence& quarter, geometry::DepthEvidence& all) {
-  const auto at = [&](int x, int y) {
-    return static_cast<std::size_t>(y / kQuarter * quarter.width + x / kQuarter);
-  };
+// Leaves in a quarter of the cells what they have learnt since they were sampled.
+void keep_what_is_new(const geometry::DepthEvidence& all, geometry::DepthEvidence& quarter) {
+  std::size_t k = 0;
   for (int y = 0; y < all.height; y += kQuarter) {
     for (int x = 0; x < all.width; x += kQuarter) {
-      quarter.log_odds[at(x, y)] -= all.log_odds[static_cast<std::size_t>(y * all.width + x)];
+      quarter.log_odds[k++] -= all.log_odds[static_cast<std::size_t>(y * all.width + x)];
     }
   }
+}
+
+// Adds what a quarter of the cells have learnt, `times` over, to all that have depth.
+void spread_quarter(const geometry::DepthEvidence& quarter, float times,
+                    geometry::DepthEvidence& all) {
   for (int y = 0; y < all.height; ++y) {
     for (int x = 0; x < all.width; ++x) {
       const auto i = static_cast<std::size_t>(y * all.width + x);
-      if (all.depth[i] > 0.0F) all.log_odds[i] += quarter.log_odds[at(x, y)];
+      const auto k = static_cast<std::size_t>(y / kQuarter * quarter.width + x / kQuarter);
+      if (all.depth[i] > 0.0F) all.log_odds[i] += times * quarter.log_odds[k];
     }
   }
 }
@@ -124,9 +129,14 @@ void MoverDetector::detect(const TrackedFrame& frame,
   const RigidTransform& T_cam_world = frame.T_cam_world;
   choose_references(T_cam_world, timestamp);
   geometry::judge_depth(view, camera_, chosen_, consistency_options_, evidence_);
-  if (!frame.mask.empty()) add_quarter_looks(frame);
+  const bool masked = !frame.mask.empty();
+  if (masked) {
+    look_at_quarter(frame);
+    spread_quarter(quarter_, kRememberedLooks, evidence_);
+  }
   memory_.update(camera_, T_cam_world.inverse(), timestamp, consistency_options_.decision,
                  evidence_);
+  if (masked) spread_quarter(quarter_, 1.0F - kRememberedLooks, evidence_);
   mask_.create(frame.depth.size(), CV_8UC1);
   masked_share_ = geometry::grow_regions(
       view, evidence_, field(frame.features->keypoints, &cv::KeyPoint::pt), verdicts, grow_options_,
@@ -135,12 +145,12 @@ void MoverDetector::detect(const TrackedFrame& frame,
 
 // Without masks of people it would do harm: cloth that folds looks new wherever it is, and what
 // looks ask for is a pose that no walker has captured.
-void MoverDetector::add_quarter_looks(const TrackedFrame& frame) {
+void MoverDetector::look_at_quarter(const TrackedFrame& frame) {
   const cv::Mat gray = quarter_of(frame.gray_cells);
   sample_quarter(evidence_, quarter_);
   geometry::add_appearance(camera_, as_view<const std::uint8_t>(gray), chosen_, chosen_quarters_,
                            consistency_options_, quarter_options_, looks_, quarter_);
-  spread_quarter(quarter_, evidence_);
+  keep_what_is_new(evidence_, quarter_);
 }
 
 // What a mask hides was seen before as well: networks take furniture for people.
@@ -177,7 +187,10 @@ const cv::Mat& MoverDetector::complete(const TrackedFrame& frame,
   const bool masked = !frame.mask.empty();
   choose_references(frame.T_cam_world, frame.timestamp);
   whole_ = evidence_;
-  if (masked) add_hidden(frame);
+  if (masked) {
+    spread_quarter(quarter_, -1.0F, whole_);  // all cells are asked below
+    add_hidden(frame);
+  }
   add_looks(frame);
   const auto depth = as_view<const float>(masked ? whole_depth_ : frame.depth);
   completed_.create(frame.depth.size(), CV_8UC1);

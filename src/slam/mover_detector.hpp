@@ -77,8 +77,8 @@ class MoverDetector {
   void thin_out();
   // Writes depth and evidence of the whole frame, what is under its mask included.
   void add_hidden(const TrackedFrame& frame);
-  // Adds to the evidence of what no mask hides how a quarter of its cells look.
-  void add_quarter_looks(const TrackedFrame& frame);
+  // Writes what the looks of a quarter of the cells that no mask hides add to their evidence.
+  void look_at_quarter(const TrackedFrame& frame);
   // Adds to the evidence of the whole frame how its cells look in the references chosen.
   void add_looks(const TrackedFrame& frame);
 

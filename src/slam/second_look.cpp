@@ -38,13 +38,13 @@ AlignmentOptions alignment_options() {
 
 }  // namespace
 
-void SecondLook::take(const TrackedFrame& first, KeyframeId keyframe) {
+void SecondLook::take(const TrackedFrame& first, const LastKeyframe& keyframe) {
   first_.reset(first.features, first.timestamp);
   first_.T_cam_world = first.T_cam_world;
   keyframe_ = keyframe;
 }
 
-void SecondLook::begin(const TrackedFrame& first, KeyframeId keyframe) {
+void SecondLook::begin(const TrackedFrame& first, const LastKeyframe& keyframe) {
   cancel();
   if (first.depth.empty()) return;
   take(first, keyframe);
@@ -53,7 +53,7 @@ void SecondLook::begin(const TrackedFrame& first, KeyframeId keyframe) {
   looks_ = kEarlyLooks;
 }
 
-void SecondLook::begin_anew(TrackedFrame& first, KeyframeId keyframe) {
+void SecondLook::begin_anew(TrackedFrame& first, const LastKeyframe& keyframe) {
   cancel();
   if (!ensure_surface(camera_, first)) return;
   take(first, keyframe);

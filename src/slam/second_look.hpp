@@ -1,6 +1,7 @@
 // Second thoughts about the motion since an earlier frame.
 #pragma once
 
+#include <cstddef>
 #include <optional>
 
 #include "dynslam/core/camera.hpp"
@@ -10,6 +11,12 @@
 #include "tracked_frame.hpp"
 
 namespace dynslam::slam {
+
+/// The keyframe that a frame hangs on, and how many keyframes had been made by then.
+struct LastKeyframe {
+  KeyframeId id = kNoId;
+  std::size_t made = 0;
+};
 
 /// Compares a frame with an earlier one once movers have left their places.
 ///
@@ -26,9 +33,9 @@ class SecondLook {
   explicit SecondLook(const PinholeCamera& camera) : camera_(camera) {}
 
   /// A map begins with this frame: it will be looked back at early and twice.
-  void begin(const TrackedFrame& first, KeyframeId keyframe);
-  /// From now on this frame is looked back at, once. `keyframe`: the last one there is.
-  void begin_anew(TrackedFrame& first, KeyframeId keyframe);
+  void begin(const TrackedFrame& first, const LastKeyframe& keyframe);
+  /// From now on this frame is looked back at, once.
+  void begin_anew(TrackedFrame& first, const LastKeyframe& keyframe);
   /// There is no frame to look back at any more.
   void cancel() { first_.surface.clear(); }
   bool is_cancelled() const { return first_.surface.empty(); }
@@ -39,8 +46,8 @@ class SecondLook {
 
   /// The frame that is looked back at: its features, pose, time and surface.
   const TrackedFrame& first() const { return first_; }
-  /// The last keyframe when that was tracked.
-  KeyframeId keyframe() const { return keyframe_; }
+  /// The keyframe that it hangs on.
+  const LastKeyframe& keyframe() const { return keyframe_; }
   /// T_cam_world of a frame if it is clearly another than the one that was tracked; nothing if that
   /// was right or cannot be told. `motions`: what else T_first_cam may be. O(motions x cells),
   /// about 5 ms each.
@@ -52,13 +59,13 @@ class SecondLook {
   Vector6d velocity(double corrected_timestamp, const RigidTransform& corrected) const;
 
  private:
-  void take(const TrackedFrame& first, KeyframeId keyframe);
+  void take(const TrackedFrame& first, const LastKeyframe& keyframe);
   RigidTransform polished(const RigidTransform& T_first_cam, double certainty,
                           const TrackedFrame& frame) const;
 
   PinholeCamera camera_;
   TrackedFrame first_;
-  KeyframeId keyframe_ = kNoId;
+  LastKeyframe keyframe_;
   Span<const double> looks_;  // seconds after the first frame that are still to come
 };
 

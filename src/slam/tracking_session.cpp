@@ -106,7 +106,7 @@ bool TrackingSession::initialize(FrameResult& result, TrackingLock& lock) {
   if (with_depth < kMinFirstPoints) return false;
   current_.T_cam_world = T_cam_origin_;
   make_keyframe(result, lock);
-  if (options_.geometry) second_look_.begin(current_, shared_.log.reference);
+  if (options_.geometry) second_look_.begin(current_, last_keyframe());
   return true;
 }
 
@@ -356,14 +356,16 @@ bool TrackingSession::locate(FrameResult& result, TrackingLock& lock) {
 void TrackingSession::forget_since_first_look(const RigidTransform& T_cam_world) {
   Map& map = shared_.map;
   const double began = second_look_.first().timestamp, now = current_.timestamp;
-  const KeyframeId last = second_look_.keyframe();
+  const LastKeyframe last = second_look_.keyframe();
   const auto pose = [&](double timestamp) {
     return second_look_.between(timestamp, now, T_cam_world);
   };
-  shared_.log.repose(map, began, last, pose);
-  shared_.log.reference = last;
+  shared_.log.repose(map, began, last.id, pose);
+  shared_.log.reference = last.id;
   for (const KeyframeId id : map.keyframe_ids()) {
-    if (map.keyframe(id).timestamp > began) map.erase_keyframe(id);
+    if (map.keyframe(id).number < last.made) continue;
+    shared_.log.release(map, id, last.id);  // earlier frames may have come to hang on it
+    map.erase_keyframe(id);
   }
   for (const PointId id : map.point_ids()) {
     MapPoint& point = map.point(id);
@@ -375,11 +377,16 @@ void TrackingSession::forget_since_first_look(const RigidTransform& T_cam_world)
   tracks_.repose(began, pose);
 }
 
+LastKeyframe TrackingSession::last_keyframe() const {
+  return {shared_.log.reference, shared_.map.keyframes_made()};
+}
+
 bool TrackingSession::look_back(FrameResult& result, TrackingLock& lock) {
+  if (!options_.geometry || options_.localize_only || current_.depth.empty()) return false;
   const double now = current_.timestamp;
-  if (!options_.geometry || current_.depth.empty()) return false;
-  if (second_look_.is_over(now) && shared_.log.reference != kNoId) {
-    second_look_.begin_anew(current_, shared_.log.reference);
+  // What was recognized by its looks need not be where it was expected.
+  if (state_ != TrackingState::kTracked || second_look_.is_over(now)) {
+    second_look_.begin_anew(current_, last_keyframe());
     return false;
   }
   if (!second_look_.is_due(now)) return false;
@@ -392,7 +399,7 @@ bool TrackingSession::look_back(FrameResult& result, TrackingLock& lock) {
     });
   }
   // The map may have been corrected, and the keyframe dropped, meanwhile.
-  if (shared_.map.find_keyframe(second_look_.keyframe()) == nullptr) second_look_.cancel();
+  if (shared_.map.find_keyframe(second_look_.keyframe().id) == nullptr) second_look_.cancel();
   if (!T_cam_world || second_look_.is_cancelled()) return false;
   forget_since_first_look(*T_cam_world);
   corrected_velocity_ = second_look_.velocity(now, *T_cam_world);

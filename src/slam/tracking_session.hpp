@@ -55,6 +55,7 @@ class TrackingSession {
   bool jumped() const;
   /// Looks back at an earlier frame; true if the camera was elsewhere than it was tracked.
   bool look_back(FrameResult& result, TrackingLock& lock);
+  LastKeyframe last_keyframe() const;
   void forget_since_first_look(const RigidTransform& T_cam_world);
   void update_velocity();
   void follow_corrections();

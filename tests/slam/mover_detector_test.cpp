@@ -5,6 +5,7 @@
 
 #include <gtest/gtest.h>
 #include <opencv2/core.hpp>
+#include <opencv2/imgproc.hpp>
 
 #include "slam/frame_images.hpp"
 #include "slam/vga_camera.hpp"
@@ -142,11 +143,18 @@ TEST_F(MoverDetectorTest, WhatSlidesBesideAMaskIsLetGoOfByTracking) {
   mask(person).setTo(255);
   const cv::Rect cells(curtain.x / kSurfaceCell, curtain.y / kSurfaceCell,
                        curtain.width / kSurfaceCell, curtain.height / kSurfaceCell);
-  for (int i = 0; i < 6; ++i) show(depth, mask, painted_cells(0));
+  const auto boldly_painted = [](int slid) {
+    cv::Mat bold;
+    const cv::Mat fine = painted_cells(slid);
+    cv::resize(fine(cv::Rect(0, 0, fine.cols / 4, fine.rows / 4)), bold, fine.size(), 0, 0,
+               cv::INTER_NEAREST);
+    return bold;
+  };
+  for (int i = 0; i < 6; ++i) show(depth, mask, boldly_painted(0));
   EXPECT_EQ(cv::countNonZero(detector_.mask()), 0);
-  for (int i = 1; i <= 6; ++i) {
-    cv::Mat gray_cells = painted_cells(0);
-    painted_cells(4 * i)(cells).copyTo(gray_cells(cells));
+  for (int i = 1; i <= 12; ++i) {
+    cv::Mat gray_cells = boldly_painted(0);
+    boldly_painted(i)(cells).copyTo(gray_cells(cells));
     show(depth, mask, gray_cells);
   }
   EXPECT_GT(share(detector_.mask(), curtain), 0.9);

@@ -12,7 +12,7 @@ namespace dynslam::slam {
 namespace {
 
 constexpr std::size_t kLater = 12;  // frames at 30 Hz: 0.4 s
-constexpr KeyframeId kFirst = 7;
+constexpr LastKeyframe kFirst{7, 1};
 
 DepthCamera camera() { return dataset::scene_camera(320, 240); }
 
@@ -94,10 +94,10 @@ TEST_F(SecondLookTest, IsLookedAtTwiceAndNotLate) {
 }
 
 TEST_F(SecondLookTest, GoesOnFromALaterFrameOnce) {
-  constexpr KeyframeId kLast = 9;
+  constexpr LastKeyframe kLast{9, 3};
   TrackedFrame later = tracked(later_, truth_);
   check_.begin_anew(later, kLast);
-  EXPECT_EQ(check_.keyframe(), kLast);
+  EXPECT_EQ(check_.keyframe().id, kLast.id);
   const double began = later_.timestamp;
   EXPECT_FALSE(check_.is_due(began + 0.1));
   EXPECT_TRUE(check_.is_due(began + 0.2));
