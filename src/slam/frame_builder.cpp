@@ -21,7 +21,7 @@ constexpr const char* kTrack = "System::track";
 // Shares of the features asked for: how many more for each share of the image that is hidden, at
 // the most, and how many on what moved a frame ago.
 constexpr double kMoreForHidden = 2.0;
-constexpr double kMostMore = 0.6;
+constexpr double kMostMore = 0.3;
 constexpr double kCrowdShare = 0.25;
 constexpr int kStepsToCross = 80;  // frames in which a mover crosses the image: it has gone on
 

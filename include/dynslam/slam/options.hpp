@@ -22,7 +22,7 @@ const char* to_string(Sensor sensor);
 
 /// How frames are tracked against the map.
 struct TrackingOptions {
-  /// Features of each image. With SystemOptions::geometry up to 1.85 times `max_features`, where
+  /// Features of each image. With SystemOptions::geometry up to 1.55 times `max_features`, where
   /// movers and masks hide much.
   features::OrbOptions orb;
   /// Sensor::kRgbd: depths beyond this are not used, metres, > 0. Engineering: Kinect's noise grows
