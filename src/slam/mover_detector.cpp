@@ -73,8 +73,8 @@ void spread_quarter(const geometry::DepthEvidence& quarter, float times,
 cv::Mat quarter_of(const cv::Mat& gray) {
   cv::Mat quarter;
   if (gray.empty()) return quarter;
-  constexpr double kScale = 1.0 / kQuarter;
-  cv::resize(gray, quarter, cv::Size(), kScale, kScale, cv::INTER_AREA);
+  const cv::Size size = gray.size() / kQuarter;  // of whole ones
+  cv::resize(gray(cv::Rect({}, size * kQuarter)), quarter, size, 0, 0, cv::INTER_AREA);
   return quarter;
 }
 

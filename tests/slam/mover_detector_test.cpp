@@ -161,5 +161,26 @@ TEST_F(MoverDetectorTest, WhatSlidesBesideAMaskIsLetGoOfByTracking) {
   EXPECT_LT(cv::countNonZero(detector_.mask()), 1.2 * curtain.area());
 }
 
+TEST_F(MoverDetectorTest, MasksGoWithImagesThatAreNoMultipleOfItsCells) {
+  for (const cv::Size size : {cv::Size(636, 476), cv::Size(641, 483), cv::Size(644, 485)}) {
+    DepthCamera odd = depth_camera();
+    odd.width = size.width;
+    odd.height = size.height;
+    MoverDetector detector(odd);
+    TrackedFrame frame;
+    for (int i = 0; i < 3; ++i) {
+      frame.reset(std::make_shared<FrameFeatures>(), 0.5 * i);
+      frame.gray = cv::Mat(size, CV_8UC1, cv::Scalar(128));
+      frame.gray_cells = cv::Mat(size / kSurfaceCell, CV_8UC1, cv::Scalar(128));
+      frame.mask = cv::Mat::zeros(size, CV_8UC1);
+      split_depth(cv::Mat(size, CV_32FC1, cv::Scalar(kWall)), frame.mask, frame.depth,
+                  frame.hidden_depth);
+      detector.detect(frame, {});
+      detector.remember(frame);
+      EXPECT_EQ(cv::countNonZero(detector.complete(frame, {})), 0);
+    }
+  }
+}
+
 }  // namespace
 }  // namespace dynslam::slam
