@@ -29,7 +29,7 @@ constexpr int kSmallest = 2;                 // cells: movers are seen through g
 constexpr int kCoarseness = 4;               // strides of the fine grid between coarse samples
 constexpr int kQuarter = 2;                  // and between the cells whose looks tracking asks
 constexpr double kLooks = 1.5;               // most log-odds that one reference's looks add there
-constexpr float kRememberedLooks = 0.2F;     // share of that which later frames hear of
+constexpr float kRememberedLooks = 0.1F;     // share of it that later frames hear of
 
 // Every kQuarter-th cell of a row and column.
 void sample_quarter(const geometry::DepthEvidence& all, geometry::DepthEvidence& quarter) {
