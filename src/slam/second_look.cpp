@@ -38,29 +38,24 @@ AlignmentOptions alignment_options() {
 
 }  // namespace
 
-void SecondLook::take(const TrackedFrame& first, const LastKeyframe& keyframe) {
-  first_.reset(first.features, first.timestamp);
-  first_.T_cam_world = first.T_cam_world;
-  keyframe_ = keyframe;
-}
-
-void SecondLook::begin(const TrackedFrame& first, const LastKeyframe& keyframe) {
-  cancel();
-  if (first.depth.empty()) return;
-  take(first, keyframe);
-  build_surface_grid(first.depth, first.gray_cells, camera_, first_.surface);
-  first_.surface.trust = surface_by_cell(first_.surface);
-  looks_ = kEarlyLooks;
-}
-
-void SecondLook::begin_anew(TrackedFrame& first, const LastKeyframe& keyframe) {
+void SecondLook::take(TrackedFrame& first, const LastKeyframe& keyframe, Span<const double> looks) {
   cancel();
   if (!ensure_surface(camera_, first)) return;
-  take(first, keyframe);
+  first_.reset(first.features, first.timestamp);
+  first_.T_cam_world = first.T_cam_world;
   first_.surface = first.surface;
   first_.surface.gray = first.surface.gray.clone();  // images share what they hold
   first_.surface.trust = surface_by_cell(first_.surface);
-  looks_ = kLaterLooks;
+  keyframe_ = keyframe;
+  looks_ = looks;
+}
+
+void SecondLook::begin(TrackedFrame& first, const LastKeyframe& keyframe) {
+  take(first, keyframe, kEarlyLooks);
+}
+
+void SecondLook::begin_anew(TrackedFrame& first, const LastKeyframe& keyframe) {
+  take(first, keyframe, kLaterLooks);
 }
 
 bool SecondLook::is_over(double timestamp) const {

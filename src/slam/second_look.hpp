@@ -33,7 +33,7 @@ class SecondLook {
   explicit SecondLook(const PinholeCamera& camera) : camera_(camera) {}
 
   /// A map begins with this frame: it will be looked back at early and twice.
-  void begin(const TrackedFrame& first, const LastKeyframe& keyframe);
+  void begin(TrackedFrame& first, const LastKeyframe& keyframe);
   /// From now on this frame is looked back at, once.
   void begin_anew(TrackedFrame& first, const LastKeyframe& keyframe);
   /// There is no frame to look back at any more.
@@ -59,7 +59,7 @@ class SecondLook {
   Vector6d velocity(double corrected_timestamp, const RigidTransform& corrected) const;
 
  private:
-  void take(const TrackedFrame& first, const LastKeyframe& keyframe);
+  void take(TrackedFrame& first, const LastKeyframe& keyframe, Span<const double> looks);
   RigidTransform polished(const RigidTransform& T_first_cam, double certainty,
                           const TrackedFrame& frame) const;
 

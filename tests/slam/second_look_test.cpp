@@ -42,7 +42,8 @@ RigidTransform captured() { return se3_exp((Vector6d() << 0.5, 0, 0, 0, -0.13, 0
 class SecondLookTest : public ::testing::Test {
  protected:
   SecondLookTest() : first_(room(0)), later_(room(kLater)), check_(camera()) {
-    check_.begin(tracked(first_, RigidTransform()), kFirst);
+    TrackedFrame first = tracked(first_, RigidTransform());
+    check_.begin(first, kFirst);
     truth_ = later_.T_world_cam->inverse() * *first_.T_world_cam;
   }
   dataset::Frame first_, later_;
@@ -115,7 +116,8 @@ TEST_F(SecondLookTest, IsNotInQuestionOnceCancelledOrWithoutDepth) {
   EXPECT_FALSE(check_.is_due(first_.timestamp + 0.2));
   dataset::Frame blind = first_;
   blind.depth.release();
-  check_.begin(tracked(blind, RigidTransform()), kFirst);
+  TrackedFrame first = tracked(blind, RigidTransform());
+  check_.begin(first, kFirst);
   EXPECT_FALSE(check_.is_due(first_.timestamp + 0.2));
 }
 
