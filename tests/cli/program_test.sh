@@ -163,8 +163,9 @@ grep -q 'baseline has no geometry' stderr || complain "nothing said of a part th
 mkdir nothing
 expect_failure 1 'nothing/.*mask' movers --tum scene --truth-masks nothing
 
-# Ctrl-C ends a run early and leaves what there is, as if the sequence ended there.
-timeout --preserve-status -s INT 3 "$dynslam" run --tum scene --system baseline --runs 1000 \
+# Ctrl-C ends a run early and leaves what there is, as if the sequence ended there. In the
+# foreground, since otherwise `timeout` signals twice, and the second Ctrl-C ends the program.
+timeout --foreground --preserve-status -s INT 3 "$dynslam" run --tum scene --system baseline --runs 1000 \
   --out out-stopped >stdout 2>stderr
 status=$?
 [[ $status == 1 ]] || complain "an interrupted run gave $status: $(cat stderr)"
