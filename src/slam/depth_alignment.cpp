@@ -3,19 +3,20 @@
 #include <algorithm>
 #include <cmath>
 
+#include "alignment_kernels.hpp"
 #include "matrix6.hpp"
 
 namespace dynslam::slam {
 namespace {
 
 constexpr float kJump = 0.04F;      // share of depth by which neighbours of a surface may differ
-constexpr double kMinCosine = 0.7;  // between normals of partners
+constexpr float kMinCosine = 0.7F;  // between normals of partners
 constexpr double kMinCurvature = 4e-3;  // smallest over largest eigenvalue of the information
 constexpr int kMinPartners = 300;
 
-constexpr double kBrightnessSigma = 6.0;  // grey levels: noise and shading
+constexpr float kBrightnessSigma = 6.0F;  // grey levels: noise and shading
 
-constexpr double kMaxChi2 = 25.0;  // what one residual can say about the fit as a whole
+constexpr float kMaxChi2 = 25.0F;  // what one residual can say about the fit as a whole
 
 struct Round {
   double gate;  // metres
@@ -26,8 +27,6 @@ constexpr double kConverged = 1e-4;
 constexpr Round kRounds[] = {{0.30, 6}, {0.12, 6}, {0.05, 8}};
 
 bool has_normal(const Eigen::Vector3f& normal) { return normal.squaredNorm() > 0.5F; }
-
-float noise(float z) { return 0.0012F + 0.0019F * (z - 0.4F) * (z - 0.4F); }
 
 Eigen::Vector3f normal_of(const Eigen::Vector3f& at, const Eigen::Vector3f& right,
                           const Eigen::Vector3f& below) {
@@ -45,88 +44,41 @@ Eigen::Vector3f normal_of(const Eigen::Vector3f& at, const Eigen::Vector3f& righ
 struct NormalEquations {
   Matrix6d H = Matrix6d::Zero();
   Vector6d b = Vector6d::Zero();
-  double squares = 0.0;
-  double chi2 = 0.0, trust = 0.0;  // whitened squares (clipped) and their weights
-  int partners = 0;
-  int candidates = 0;
 };
 
-// Brightness at a cell position and its slope, in grey levels and grey levels a cell.
-bool sample(const cv::Mat& gray, float x, float y, float& value, Eigen::Vector2d& slope) {
-  const int x0 = static_cast<int>(std::floor(x)), y0 = static_cast<int>(std::floor(y));
-  if (x0 < 0 || y0 < 0 || x0 + 1 >= gray.cols || y0 + 1 >= gray.rows) return false;
-  const float a = x - static_cast<float>(x0), b = y - static_cast<float>(y0);
-  const float* upper = gray.ptr<float>(y0) + x0;
-  const float* lower = gray.ptr<float>(y0 + 1) + x0;
-  value = (1 - b) * ((1 - a) * upper[0] + a * upper[1]) + b * ((1 - a) * lower[0] + a * lower[1]);
-  slope.x() = (1 - b) * (upper[1] - upper[0]) + b * (lower[1] - lower[0]);
-  slope.y() = (1 - a) * (lower[0] - upper[0]) + a * (lower[1] - upper[1]);
-  return true;
+// What the kernels are told; a grid's images are continuous, since it made them itself.
+kernels::Surface surface_of(const SurfaceGrid& grid) {
+  kernels::Surface surface;
+  surface.points = grid.points.front().data();
+  surface.normals = grid.normals.front().data();
+  surface.trust = grid.trust.empty() ? nullptr : grid.trust.ptr<float>();
+  surface.gray = grid.gray.empty() ? nullptr : grid.gray.ptr<float>();
+  surface.width = grid.width;
+  surface.height = grid.height;
+  return surface;
 }
 
-void add(const Vector6d& J, double r, double sigma, double trust, NormalEquations& sum) {
-  const double whitened = std::abs(r) / sigma;
-  const double weight = trust * (whitened > 2.0 ? 2.0 / whitened : 1.0) / (sigma * sigma);
-  sum.chi2 += trust * std::min(whitened * whitened, kMaxChi2);
-  sum.trust += trust;
-  const Vector6d weighted = weight * J;
-  sum.H.noalias() += weighted * J.transpose();
-  sum.b.noalias() += r * weighted;
+kernels::Motion motion_of(const RigidTransform& T) {
+  kernels::Motion motion;
+  Eigen::Map<Eigen::Matrix<float, 3, 3, Eigen::RowMajor>>(motion.R) = T.R.cast<float>();
+  Eigen::Map<Eigen::Vector3f>(motion.t) = T.t.cast<float>();
+  return motion;
 }
 
-void add_brightness(const SurfaceGrid& from, const SurfaceGrid& to, std::size_t i,
-                    const PinholeCamera& camera, const Eigen::Vector3d& p,
-                    const Eigen::Vector2d& pixel, double trust, NormalEquations& sum) {
-  float value = 0.0F;
-  Eigen::Vector2d slope;
-  const float x = static_cast<float>(pixel.x() + 0.5) / kSurfaceCell - 0.5F;
-  const float y = static_cast<float>(pixel.y() + 0.5) / kSurfaceCell - 0.5F;
-  if (!sample(from.gray, x, y, value, slope)) return;
-  const Eigen::Vector2d g(slope.x() * camera.fx / kSurfaceCell,
-                          slope.y() * camera.fy / kSurfaceCell);
-  const Eigen::Vector3d d(g.x() / p.z(), g.y() / p.z(),
-                          -(g.x() * p.x() + g.y() * p.y()) / (p.z() * p.z()));
-  Vector6d J;
-  J << d, p.cross(d);
-  add(J, value - to.gray.ptr<float>()[i], kBrightnessSigma, trust, sum);
+kernels::Pinhole pinhole_of(const PinholeCamera& camera) {
+  return {static_cast<float>(camera.fx),        static_cast<float>(camera.fy),
+          static_cast<float>(camera.cx),        static_cast<float>(camera.cy),
+          static_cast<float>(camera.width - 1), static_cast<float>(camera.height - 1)};
 }
 
-void accumulate(const SurfaceGrid& from, const SurfaceGrid& to, const PinholeCamera& camera,
-                const RigidTransform& T, double gate, const AlignmentOptions& options,
-                NormalEquations& total) {
-  const Eigen::Matrix3d R = T.R;
-  const Eigen::Vector3d t = T.t;
-  NormalEquations sum;  // nobody else's, so that it need not be read again after each write
-  const bool brightness = options.use_brightness && !from.gray.empty() && !to.gray.empty();
-  for (int row = 0; row < to.height; row += options.step) {
-    for (int column = 0; column < to.width; column += options.step) {
-      const auto i = static_cast<std::size_t>(row * to.width + column);
-      if (!has_normal(to.normals[i])) continue;
-      const Eigen::Vector3d p = R * to.points[i].cast<double>() + t;
-      if (p.z() <= kMinDepth) continue;
-      const Eigen::Vector2d pixel = camera.project(p);
-      if (!camera.contains(pixel)) continue;
-      ++sum.candidates;
-      const int x = std::min(static_cast<int>(pixel.x()) / kSurfaceCell, from.width - 1);
-      const int y = std::min(static_cast<int>(pixel.y()) / kSurfaceCell, from.height - 1);
-      const auto j = static_cast<std::size_t>(y * from.width + x);
-      if (!has_normal(from.normals[j])) continue;
-      const Eigen::Vector3d n = from.normals[j].cast<double>();
-      const Eigen::Vector3d gap = p - from.points[j].cast<double>();
-      if (gap.squaredNorm() > gate * gate) continue;
-      if (n.dot(R * to.normals[i].cast<double>()) < kMinCosine) continue;
-      const double trust = from.trust.empty() ? 1.0 : from.trust.at<float>(y, x);
-      if (trust <= 0.0) continue;
-      const double r = n.dot(gap);
-      Vector6d J;
-      J << n, p.cross(n);
-      add(J, r, std::max(0.003, static_cast<double>(noise(to.points[i].z()))), trust, sum);
-      if (brightness) add_brightness(from, to, i, camera, p, pixel, trust, sum);
-      sum.squares += r * r;
-      ++sum.partners;
-    }
+NormalEquations equations_of(const kernels::AlignmentSums& sums) {
+  NormalEquations equations;
+  int k = 0;
+  for (int i = 0; i < 6; ++i) {
+    equations.b[i] = sums.g[i];
+    for (int j = i; j < 6; ++j, ++k) equations.H(i, j) = equations.H(j, i) = sums.H[k];
   }
-  total = sum;
+  return equations;
 }
 
 // Whether the planes that were met hold the motion in every direction. Rotations are compared with
@@ -213,12 +165,21 @@ std::optional<SurfaceAlignment> align_surfaces(const SurfaceGrid& from, const Su
   result.T_from_to = initial;
   const double distance = mean_distance(to);
   const int min_partners = kMinPartners / (options.step * options.step);
+  const kernels::Surface surface_from = surface_of(from), surface_to = surface_of(to);
+  const kernels::Pinhole pinhole = pinhole_of(camera);
+  const bool brightness = options.use_brightness && !from.gray.empty() && !to.gray.empty();
+  kernels::AlignmentSums sums;
   NormalEquations last;
   for (const Round& round : kRounds) {
     if (round.gate > options.first_gate || round.gate < options.last_gate) continue;
+    const kernels::Matching matching{static_cast<float>(round.gate),
+                                     brightness ? kBrightnessSigma : 0.0F, kMinCosine, kMaxChi2,
+                                     options.step};
     for (int i = 0; i < round.iterations; ++i) {
-      accumulate(from, to, camera, result.T_from_to, round.gate, options, last);
-      if (last.partners < min_partners) return std::nullopt;
+      sums = kernels::sum_partners(surface_from, surface_to, motion_of(result.T_from_to), pinhole,
+                                   matching);
+      if (sums.partners < min_partners) return std::nullopt;
+      last = equations_of(sums);
       if (options.guess_information) {
         add_guess(*options.guess_information, result.T_from_to, initial, last);
       } else if (!well_determined(last.H, distance)) {
@@ -231,9 +192,9 @@ std::optional<SurfaceAlignment> align_surfaces(const SurfaceGrid& from, const Su
     }
   }
   // Where the fit is worse than its noise, it is as much less certain.
-  result.information = last.H / std::max(1.0, last.chi2 / std::max(1e-9, last.trust));
-  result.overlap = static_cast<double>(last.partners) / std::max(1, last.candidates);
-  result.rms = std::sqrt(last.squares / last.partners);
+  result.information = last.H / std::max(1.0, sums.chi2 / std::max(1e-9, sums.trust));
+  result.overlap = static_cast<double>(sums.partners) / std::max(1, sums.candidates);
+  result.rms = std::sqrt(sums.squares / sums.partners);
   if (result.overlap < options.min_overlap || result.rms > options.max_rms) return std::nullopt;
   return result;
 }
