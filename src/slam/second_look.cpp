@@ -15,6 +15,8 @@ constexpr double kLaterLooks[] = {0.2};
 constexpr double kTooLate = 1.0;     // by then too little is left of what the first frame saw
 constexpr double kSame = 0.03;       // metres and radians by which two motions may differ
 constexpr double kClearly = 1.5;     // times as much surface must agree with the other motion
+constexpr double kDoubtful = 2.0;    // looks that say little: until then much is still the same
+constexpr double kCertain = 10.0;    // looks after which twice as much must agree
 constexpr double kLeastShare = 0.2;  // of both frames' surface, or it may be of a mover
 // Information on a motion that is to stay what it is, and on one that keeps only what surfaces
 // leave open.
@@ -52,6 +54,7 @@ void SecondLook::take(TrackedFrame& first, const LastKeyframe& keyframe, Span<co
 
 void SecondLook::begin(TrackedFrame& first, const LastKeyframe& keyframe) {
   take(first, keyframe, kEarlyLooks);
+  withstood_ = 0;
 }
 
 void SecondLook::begin_anew(TrackedFrame& first, const LastKeyframe& keyframe) {
@@ -64,6 +67,12 @@ bool SecondLook::is_over(double timestamp) const {
 
 bool SecondLook::is_due(double timestamp) const {
   return !is_over(timestamp) && timestamp - first_.timestamp >= looks_[0] - 1e-6;
+}
+
+// What one look after the other has left as it was takes more to be contradicted.
+double SecondLook::clearly() const {
+  return kClearly *
+         (1.0 + std::clamp((withstood_ - kDoubtful) / (kCertain - kDoubtful), 0.0, 1.0));
 }
 
 // By aligned depth; near surfaces count no more than far ones of the same size.
@@ -86,7 +95,7 @@ std::optional<RigidTransform> SecondLook::contradict(Span<const RigidTransform> 
   const RigidTransform held = polished(tracked, kHeld, frame);
   double best = agreement(tracked);
   if (same(held, tracked)) best = std::max(best, agreement(held));
-  best = std::max(kLeastShare, kClearly * best);
+  best = std::max(kLeastShare, clearly() * best);
   std::optional<RigidTransform> T_cam_world;
   const auto consider = [&](const RigidTransform& T_first_cam) {
     if (same(T_first_cam, tracked)) return;
@@ -102,6 +111,7 @@ std::optional<RigidTransform> SecondLook::contradict(Span<const RigidTransform> 
     consider(motion);
     consider(polished(motion, kHeld, frame));
   }
+  withstood_ = T_cam_world ? 0 : withstood_ + 1;
   return T_cam_world;
 }
 

@@ -60,6 +60,7 @@ class SecondLook {
 
  private:
   void take(TrackedFrame& first, const LastKeyframe& keyframe, Span<const double> looks);
+  double clearly() const;
   RigidTransform polished(const RigidTransform& T_first_cam, double certainty,
                           const TrackedFrame& frame) const;
 
@@ -67,6 +68,7 @@ class SecondLook {
   TrackedFrame first_;
   LastKeyframe keyframe_;
   Span<const double> looks_;  // seconds after the first frame that are still to come
+  int withstood_ = 0;         // looks since the map began or the camera was corrected
 };
 
 }  // namespace dynslam::slam
