@@ -176,21 +176,16 @@ inline void tally_row(const DepthEvidence& out, int y, const PinholeCamera& came
 }
 
 inline void count_verdicts(DepthEvidence& evidence) {
-  evidence.static_cells = evidence.dynamic_cells = evidence.unknown_cells = 0;
+  int still = 0, dynamic = 0, all = 0;
   for (std::size_t i = 0; i < evidence.depth.size(); ++i) {
-    if (evidence.depth[i] <= 0.0F) continue;
-    switch (evidence.verdict[i]) {
-      case Verdict::kStatic:
-        ++evidence.static_cells;
-        break;
-      case Verdict::kDynamic:
-        ++evidence.dynamic_cells;
-        break;
-      case Verdict::kUnknown:
-        ++evidence.unknown_cells;
-        break;
-    }
+    const bool known = evidence.depth[i] > 0.0F;
+    all += known;
+    still += known & (evidence.verdict[i] == Verdict::kStatic);
+    dynamic += known & (evidence.verdict[i] == Verdict::kDynamic);
   }
+  evidence.static_cells = still;
+  evidence.dynamic_cells = dynamic;
+  evidence.unknown_cells = all - still - dynamic;
 }
 
 inline FeatureVerdict judge_one(const Eigen::Vector3d& X, Span<const DepthReference> references,
