@@ -53,7 +53,6 @@ struct DepthEvidence {
   std::vector<float> depth;     ///< metres, 0 = none or unreliable (flying pixel)
   std::vector<float> log_odds;  ///< log p(dynamic)/p(static); 0 = no idea
   std::vector<Verdict> verdict;
-  std::vector<detail::SightTally> row;  ///< scratch of `judge_depth`
   int static_cells = 0;
   int dynamic_cells = 0;
   int unknown_cells = 0;  ///< with depth but without verdict
