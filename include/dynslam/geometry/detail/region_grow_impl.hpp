@@ -197,9 +197,15 @@ inline double grow_regions(ImageView<const float> depth, const DepthEvidence& ev
   detail::find_borders(evidence, w);
   detail::paint(depth, evidence, w, mask);
   if (complete) detail::settle_strays(depth, evidence, w, mask);
-  if (!guide.empty()) {
-    const auto label = complete ? detail::alike_label : detail::voted_label;
-    detail::settle_holes(depth, evidence, w, guide, label, mask);
+  if (!guide.empty() && complete) {
+    detail::settle_holes(evidence, w, [&](int cx, int cy) {
+      detail::settle_by_likeness(depth, stride, cx, cy, guide, mask);
+    });
+  } else if (!guide.empty()) {
+    w.known.fill(depth);
+    detail::settle_holes(evidence, w, [&](int cx, int cy) {
+      detail::settle_by_vote(w.known, stride, cx, cy, guide, mask);
+    });
   }
   if (options.dilate > 0) detail::dilate_mask(mask, options.dilate, w);
   return detail::dynamic_share(mask);
