@@ -84,7 +84,7 @@ FeatureVerdict judge_point(const Eigen::Vector3d& X_cur, Span<const DepthReferen
 ///
 /// Pixels whose four neighbours at half a stride do not support their depth (flying pixels) are
 /// left out. Throws InvalidArgument if the image has not the camera's size or options are invalid;
-/// a pose that is not finite makes its reference skipped. O(cells x references): about 1 ms for
+/// a pose that is not finite makes its reference skipped. O(cells x references): about 0.5 ms for
 /// 160 x 120 cells and 5 references; no allocation after warm-up of `out`.
 /// Source: free-space violation as in occupancy mapping (and ReFusion, Palazzolo et al., IROS
 /// 2019); the log-odds and edge rules are ours.
