@@ -57,6 +57,20 @@ bool ground_motion(const CarriedCorners& corners, cv::Matx23d& back) {
   return true;
 }
 
+// What a search for revealed things must know of a cell.
+enum CellState : std::uint8_t { kFacing = 1, kClosed = 2 };
+
+// The states of a row of cells: closed is what is taken or has no depth. Without branches, so that
+// it is vectorized.
+void close_row(const std::uint8_t* facing, const std::uint8_t* taken, const float* z, int width,
+               std::uint8_t* states) {
+  for (int x = 0; x < width; ++x) {
+    const int open = (taken[x] == 0 ? 1 : 0) & (measured(z[x]) ? 1 : 0);
+    const int face = facing[x] != 0 ? kFacing : 0;
+    states[x] = static_cast<std::uint8_t>(face | (open != 0 ? 0 : kClosed));
+  }
+}
+
 // Finds the things one by one.
 class Revealer {
  public:
@@ -67,19 +81,15 @@ class Revealer {
         now_(now),
         back_(back),
         step_(options),
+        most_(static_cast<std::size_t>(kMaxRevealedShare * now.width * now.height)),
         count_(instances.size()),
         who_(before.height, before.width, CV_16SC1, cv::Scalar(-1)) {
     depth_.cut(now, cv::Rect(0, 0, now.width, now.height));
-    state_.assign(depth_.z.size(), 0);
+    state_.assign(depth_.z.size(), kClosed);
     for (int y = 0; y < now.height; ++y) {
       const auto row = static_cast<std::ptrdiff_t>(y) * now.width;
-      const std::uint8_t* facing = now.facing.data() + row;
-      const std::uint8_t* used = taken.data() + row;
-      std::uint8_t* states = state_.data() + depth_.cell_of(0, y);
-      for (int x = 0; x < now.width; ++x) {
-        states[x] =
-            static_cast<std::uint8_t>((facing[x] != 0 ? kFacing : 0) | (used[x] != 0 ? kTaken : 0));
-      }
+      close_row(now.facing.data() + row, taken.data() + row, now.z.data() + row, now.width,
+                state_.data() + depth_.cell_of(0, y));
     }
     for (std::size_t i = 0; i < instances.size(); ++i) {
       const CellMask mask = cell_mask(instances[i], nullptr);
@@ -94,10 +104,8 @@ class Revealer {
     for (int y = window.y; y < window.br().y; ++y) {
       for (int x = window.x; x < window.br().x; ++x) {
         const int start = depth_.cell_of(x, y);
-        if (state_[static_cast<std::size_t>(start)] != kFacing || !measured(depth_.at(start)) ||
-            hider(start) < 0) {
-          continue;
-        }
+        if (state_[static_cast<std::size_t>(start)] != kFacing) continue;
+        if (hider(x, y, depth_.at(start)) < 0) continue;
         flood(start);
         if (is_thing()) things.push_back(thing());
       }
@@ -106,8 +114,6 @@ class Revealer {
   }
 
  private:
-  enum : std::uint8_t { kFacing = 1, kTaken = 2 };
-
   // Where the cells are now that an instance was in.
   cv::Rect behind_instances() const {
     cv::Matx23d forward;
@@ -122,17 +128,15 @@ class Revealer {
     const cv::Rect2d image(0, 0, now_.width, now_.height);
     return window & image;
   }
-  // The instance that stood before the cell's surface, -1 if none did.
-  int hider(int cell) const {
-    const int x = cell % depth_.stride - 1;
-    const int y = cell / depth_.stride - 1;
+  // The instance that stood before what is in cell (x, y) at depth `z_now`, -1 if none did.
+  int hider(int x, int y, float z_now) const {
     const int sx = nearest(back_(0, 0) * x + back_(0, 1) * y + back_(0, 2));
     const int sy = nearest(back_(1, 0) * x + back_(1, 1) * y + back_(1, 2));
     if (sx < 0 || sy < 0 || sx >= before_.width || sy >= before_.height) return -1;
     const int who = who_.at<std::int16_t>(sy, sx);
     if (who < 0) return -1;
     const float z = before_.at(sx, sy);
-    const float limit = (1 - kMaxDepthJump) * depth_.at(cell);
+    const float limit = (1 - kMaxDepthJump) * z_now;
     return !measured(z) || z < limit ? who : -1;
   }
   // Gathers the smooth surface of the cell; counts what its border is beside.
@@ -142,25 +146,35 @@ class Revealer {
     hidden_ = before_others_ = behind_others_ = 0;
     take(start);
     for (std::size_t next = 0; next < cells_.size(); ++next) {
+      if (is_too_large()) return mark_rest(next);
       const int cell = cells_[next];
       look_around(cell);
-      if (is_too_large()) continue;  // only to be marked
-      const int who = hider(cell);
+      const int who = hider(cell % depth_.stride - 1, cell / depth_.stride - 1, depth_.at(cell));
       if (who < 0) continue;
       ++hidden_;
       ++hidden_by_[static_cast<std::size_t>(who)];
     }
   }
+  // Of a surface that is no thing, lest it is begun again: from the cell at `next` on.
+  void mark_rest(std::size_t next) {
+    for (; next < cells_.size(); ++next) {
+      const float z = depth_.at(cells_[next]);
+      for (const int other : depth_.neighbours(cells_[next])) {
+        if (state_[static_cast<std::size_t>(other)] == kFacing && step_.joins(depth_.at(other), z))
+          take(other);
+      }
+    }
+  }
   void take(int cell) {
-    state_[static_cast<std::size_t>(cell)] |= kTaken;
+    state_[static_cast<std::size_t>(cell)] |= kClosed;
     cells_.push_back(cell);
   }
   void look_around(int cell) {
     const float z = depth_.at(cell);
     for (const int other : depth_.neighbours(cell)) {
       const std::uint8_t state = state_[static_cast<std::size_t>(other)];
+      if (state & kClosed) continue;
       const float there = depth_.at(other);
-      if ((state & kTaken) || !measured(there)) continue;
       const bool same = step_.joins(there, z);
       if (same && state == kFacing) {
         take(other);
@@ -171,9 +185,7 @@ class Revealer {
       }
     }
   }
-  bool is_too_large() const {
-    return static_cast<double>(cells_.size()) > kMaxRevealedShare * now_.width * now_.height;
-  }
+  bool is_too_large() const { return cells_.size() > most_; }
   bool is_thing() const {
     const std::size_t count = cells_.size();
     return count >= kMinRevealed && !is_too_large() && 2 * hidden_ >= count &&
@@ -197,6 +209,7 @@ class Revealer {
   SurfaceStep step_;
   WalledDepth depth_;                // of all of `now_`
   std::vector<std::uint8_t> state_;  // of its cells
+  std::size_t most_;                 // cells of a thing
   std::size_t count_;
   cv::Rect all_;  // window of all instances in the older frame
   cv::Mat who_;   // instance of every cell of the older frame, -1 = none
