@@ -40,6 +40,15 @@ CellMask cut_out(const CellMask& mask, const cv::Mat& in) {
   return part;
 }
 
+// The depths of a row's cells that are in a mask, else 0. Without branches, so that it is
+// vectorized.
+void keep_masked(const std::uint8_t* in, const float* z, int width, float* out) {
+  for (int x = 0; x < width; ++x) {
+    const float there = z[x];
+    out[x] = in[x] != 0 ? there : 0.0F;
+  }
+}
+
 // How the ground moved: from the newest frame back to the older one, by the corners outside all
 // masks. False if there are too few.
 bool ground_motion(const CarriedCorners& corners, cv::Matx23d& back) {
@@ -261,17 +270,17 @@ float median_depth(const CellMask& mask) {
 std::vector<CellMask> smooth_parts(const CellMask& mask, const DepthRefinementOptions& options,
                                    int least) {
   std::vector<CellMask> parts;
-  CellMask rest = mask;
-  rest.in = mask.in.clone();
-  const int width = mask.in.cols;
   WalledDepth depth;  // only of the mask; less than 0 where the search was
   depth.clear(mask.in.size());
   for (int y = 0; y < depth.height; ++y) {
-    const auto* z = mask.z.ptr<float>(y);
-    const std::uint8_t* in = mask.in.ptr(y);
-    float* out = depth.z.data() + depth.cell_of(0, y);
-    for (int x = 0; x < width; ++x) out[x] = in[x] != 0 ? z[x] : 0.0F;
+    keep_masked(mask.in.ptr(y), mask.z.ptr<float>(y), depth.width,
+                depth.z.data() + depth.cell_of(0, y));
   }
+  // Masks with the walls of `depth`, so that a cell has the same place in them.
+  const cv::Rect inside(cv::Point(1, 1), mask.in.size());
+  cv::Mat rest = cv::Mat::zeros(depth.height + 2, depth.stride, CV_8UC1);
+  mask.in.copyTo(rest(inside));
+  cv::Mat part;
   const SurfaceStep step(options);
   std::vector<int> cells;
   const auto visit = [&](int cell) {
@@ -290,17 +299,15 @@ std::vector<CellMask> smooth_parts(const CellMask& mask, const DepthRefinementOp
       }
     }
     if (cells.size() < static_cast<std::size_t>(least)) continue;
-    cv::Mat in = cv::Mat::zeros(mask.in.size(), CV_8UC1);
+    part = cv::Mat::zeros(rest.size(), CV_8UC1);
     for (const int cell : cells) {
-      const int at = (cell / depth.stride - 1) * width + cell % depth.stride - 1;
-      in.data[at] = 255;
-      rest.in.data[at] = 0;
+      part.data[cell] = 255;
+      rest.data[cell] = 0;
     }
-    parts.push_back(cut_out(mask, in));
+    parts.push_back(cut_out(mask, part(inside)));
   }
-  rest = cut_out(mask, rest.in);
-  if (rest.cells.empty()) return parts;
-  parts.push_back(std::move(rest));
+  CellMask last = cut_out(mask, rest(inside));
+  if (!last.cells.empty()) parts.push_back(std::move(last));
   return parts;
 }
 
