@@ -151,17 +151,11 @@ class Revealer {
   // Gathers the smooth surface of the cell; counts what its border is beside.
   void flood(int start) {
     cells_.clear();
-    hidden_by_.assign(count_, 0);
-    hidden_ = before_others_ = behind_others_ = 0;
+    before_others_ = behind_others_ = 0;
     take(start);
     for (std::size_t next = 0; next < cells_.size(); ++next) {
       if (is_too_large()) return mark_rest(next);
-      const int cell = cells_[next];
-      look_around(cell);
-      const int who = hider(cell % depth_.stride - 1, cell / depth_.stride - 1, depth_.at(cell));
-      if (who < 0) continue;
-      ++hidden_;
-      ++hidden_by_[static_cast<std::size_t>(who)];
+      look_around(cells_[next]);
     }
   }
   // Of a surface that is no thing, lest it is begun again: from the cell at `next` on.
@@ -195,10 +189,22 @@ class Revealer {
     }
   }
   bool is_too_large() const { return cells_.size() > most_; }
-  bool is_thing() const {
-    const std::size_t count = cells_.size();
-    return count >= kMinRevealed && !is_too_large() && 2 * hidden_ >= count &&
-           before_others_ >= behind_others_;
+  bool is_thing() {
+    if (cells_.size() < kMinRevealed || is_too_large() || before_others_ < behind_others_)
+      return false;
+    return 2 * count_hidden() >= cells_.size();
+  }
+  // How many of the cells were hidden, and by whom.
+  std::size_t count_hidden() {
+    std::size_t hidden = 0;
+    hidden_by_.assign(count_, 0);
+    for (const int cell : cells_) {
+      const int who = hider(cell % depth_.stride - 1, cell / depth_.stride - 1, depth_.at(cell));
+      if (who < 0) continue;
+      ++hidden;
+      ++hidden_by_[static_cast<std::size_t>(who)];
+    }
+    return hidden;
   }
   RevealedThing thing() const {
     RevealedThing thing;
@@ -224,7 +230,7 @@ class Revealer {
   cv::Mat who_;   // instance of every cell of the older frame, -1 = none
   std::vector<int> cells_;
   std::vector<std::size_t> hidden_by_;
-  std::size_t hidden_ = 0, before_others_ = 0, behind_others_ = 0;
+  std::size_t before_others_ = 0, behind_others_ = 0;
 };
 
 }  // namespace
