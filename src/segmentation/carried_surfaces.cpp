@@ -40,6 +40,15 @@ CellMask cut_out(const CellMask& mask, const cv::Mat& in) {
   return part;
 }
 
+// The depths of a row's cells that are in a mask, else 0. Without branches, so that it is
+// vectorized.
+void keep_masked(const std::uint8_t* in, const float* z, int width, float* out) {
+  for (int x = 0; x < width; ++x) {
+    const float there = z[x];
+    out[x] = in[x] != 0 ? there : 0.0F;
+  }
+}
+
 // How the ground moved: from the newest frame back to the older one, by the corners outside all
 // masks. False if there are too few.
 bool ground_motion(const CarriedCorners& corners, cv::Matx23d& back) {
@@ -57,6 +66,20 @@ bool ground_motion(const CarriedCorners& corners, cv::Matx23d& back) {
   return true;
 }
 
+// What a search for revealed things must know of a cell.
+enum CellState : std::uint8_t { kFacing = 1, kClosed = 2 };
+
+// The states of a row of cells: closed is what is taken or has no depth. Without branches, so that
+// it is vectorized.
+void close_row(const std::uint8_t* facing, const std::uint8_t* taken, const float* z, int width,
+               std::uint8_t* states) {
+  for (int x = 0; x < width; ++x) {
+    const int open = (taken[x] == 0 ? 1 : 0) & (measured(z[x]) ? 1 : 0);
+    const int face = facing[x] != 0 ? kFacing : 0;
+    states[x] = static_cast<std::uint8_t>(face | (open != 0 ? 0 : kClosed));
+  }
+}
+
 // Finds the things one by one.
 class Revealer {
  public:
@@ -67,19 +90,15 @@ class Revealer {
         now_(now),
         back_(back),
         step_(options),
+        most_(static_cast<std::size_t>(kMaxRevealedShare * now.width * now.height)),
         count_(instances.size()),
         who_(before.height, before.width, CV_16SC1, cv::Scalar(-1)) {
     depth_.cut(now, cv::Rect(0, 0, now.width, now.height));
-    state_.assign(depth_.z.size(), 0);
+    state_.assign(depth_.z.size(), kClosed);
     for (int y = 0; y < now.height; ++y) {
       const auto row = static_cast<std::ptrdiff_t>(y) * now.width;
-      const std::uint8_t* facing = now.facing.data() + row;
-      const std::uint8_t* used = taken.data() + row;
-      std::uint8_t* states = state_.data() + depth_.cell_of(0, y);
-      for (int x = 0; x < now.width; ++x) {
-        states[x] =
-            static_cast<std::uint8_t>((facing[x] != 0 ? kFacing : 0) | (used[x] != 0 ? kTaken : 0));
-      }
+      close_row(now.facing.data() + row, taken.data() + row, now.z.data() + row, now.width,
+                state_.data() + depth_.cell_of(0, y));
     }
     for (std::size_t i = 0; i < instances.size(); ++i) {
       const CellMask mask = cell_mask(instances[i], nullptr);
@@ -94,10 +113,8 @@ class Revealer {
     for (int y = window.y; y < window.br().y; ++y) {
       for (int x = window.x; x < window.br().x; ++x) {
         const int start = depth_.cell_of(x, y);
-        if (state_[static_cast<std::size_t>(start)] != kFacing || !measured(depth_.at(start)) ||
-            hider(start) < 0) {
-          continue;
-        }
+        if (state_[static_cast<std::size_t>(start)] != kFacing) continue;
+        if (hider(x, y, depth_.at(start)) < 0) continue;
         flood(start);
         if (is_thing()) things.push_back(thing());
       }
@@ -106,8 +123,6 @@ class Revealer {
   }
 
  private:
-  enum : std::uint8_t { kFacing = 1, kTaken = 2 };
-
   // Where the cells are now that an instance was in.
   cv::Rect behind_instances() const {
     cv::Matx23d forward;
@@ -122,45 +137,47 @@ class Revealer {
     const cv::Rect2d image(0, 0, now_.width, now_.height);
     return window & image;
   }
-  // The instance that stood before the cell's surface, -1 if none did.
-  int hider(int cell) const {
-    const int x = cell % depth_.stride - 1;
-    const int y = cell / depth_.stride - 1;
+  // The instance that stood before what is in cell (x, y) at depth `z_now`, -1 if none did.
+  int hider(int x, int y, float z_now) const {
     const int sx = nearest(back_(0, 0) * x + back_(0, 1) * y + back_(0, 2));
     const int sy = nearest(back_(1, 0) * x + back_(1, 1) * y + back_(1, 2));
     if (sx < 0 || sy < 0 || sx >= before_.width || sy >= before_.height) return -1;
     const int who = who_.at<std::int16_t>(sy, sx);
     if (who < 0) return -1;
     const float z = before_.at(sx, sy);
-    const float limit = (1 - kMaxDepthJump) * depth_.at(cell);
+    const float limit = (1 - kMaxDepthJump) * z_now;
     return !measured(z) || z < limit ? who : -1;
   }
   // Gathers the smooth surface of the cell; counts what its border is beside.
   void flood(int start) {
     cells_.clear();
-    hidden_by_.assign(count_, 0);
-    hidden_ = before_others_ = behind_others_ = 0;
+    before_others_ = behind_others_ = 0;
     take(start);
     for (std::size_t next = 0; next < cells_.size(); ++next) {
-      const int cell = cells_[next];
-      look_around(cell);
-      if (is_too_large()) continue;  // only to be marked
-      const int who = hider(cell);
-      if (who < 0) continue;
-      ++hidden_;
-      ++hidden_by_[static_cast<std::size_t>(who)];
+      if (is_too_large()) return mark_rest(next);
+      look_around(cells_[next]);
+    }
+  }
+  // Of a surface that is no thing, lest it is begun again: from the cell at `next` on.
+  void mark_rest(std::size_t next) {
+    for (; next < cells_.size(); ++next) {
+      const float z = depth_.at(cells_[next]);
+      for (const int other : depth_.neighbours(cells_[next])) {
+        if (state_[static_cast<std::size_t>(other)] == kFacing && step_.joins(depth_.at(other), z))
+          take(other);
+      }
     }
   }
   void take(int cell) {
-    state_[static_cast<std::size_t>(cell)] |= kTaken;
+    state_[static_cast<std::size_t>(cell)] |= kClosed;
     cells_.push_back(cell);
   }
   void look_around(int cell) {
     const float z = depth_.at(cell);
     for (const int other : depth_.neighbours(cell)) {
       const std::uint8_t state = state_[static_cast<std::size_t>(other)];
+      if (state & kClosed) continue;
       const float there = depth_.at(other);
-      if ((state & kTaken) || !measured(there)) continue;
       const bool same = step_.joins(there, z);
       if (same && state == kFacing) {
         take(other);
@@ -171,13 +188,23 @@ class Revealer {
       }
     }
   }
-  bool is_too_large() const {
-    return static_cast<double>(cells_.size()) > kMaxRevealedShare * now_.width * now_.height;
+  bool is_too_large() const { return cells_.size() > most_; }
+  bool is_thing() {
+    if (cells_.size() < kMinRevealed || is_too_large() || before_others_ < behind_others_)
+      return false;
+    return 2 * count_hidden() >= cells_.size();
   }
-  bool is_thing() const {
-    const std::size_t count = cells_.size();
-    return count >= kMinRevealed && !is_too_large() && 2 * hidden_ >= count &&
-           before_others_ >= behind_others_;
+  // How many of the cells were hidden, and by whom.
+  std::size_t count_hidden() {
+    std::size_t hidden = 0;
+    hidden_by_.assign(count_, 0);
+    for (const int cell : cells_) {
+      const int who = hider(cell % depth_.stride - 1, cell / depth_.stride - 1, depth_.at(cell));
+      if (who < 0) continue;
+      ++hidden;
+      ++hidden_by_[static_cast<std::size_t>(who)];
+    }
+    return hidden;
   }
   RevealedThing thing() const {
     RevealedThing thing;
@@ -197,12 +224,13 @@ class Revealer {
   SurfaceStep step_;
   WalledDepth depth_;                // of all of `now_`
   std::vector<std::uint8_t> state_;  // of its cells
+  std::size_t most_;                 // cells of a thing
   std::size_t count_;
   cv::Rect all_;  // window of all instances in the older frame
   cv::Mat who_;   // instance of every cell of the older frame, -1 = none
   std::vector<int> cells_;
   std::vector<std::size_t> hidden_by_;
-  std::size_t hidden_ = 0, before_others_ = 0, behind_others_ = 0;
+  std::size_t before_others_ = 0, behind_others_ = 0;
 };
 
 }  // namespace
@@ -248,17 +276,17 @@ float median_depth(const CellMask& mask) {
 std::vector<CellMask> smooth_parts(const CellMask& mask, const DepthRefinementOptions& options,
                                    int least) {
   std::vector<CellMask> parts;
-  CellMask rest = mask;
-  rest.in = mask.in.clone();
-  const int width = mask.in.cols;
   WalledDepth depth;  // only of the mask; less than 0 where the search was
   depth.clear(mask.in.size());
   for (int y = 0; y < depth.height; ++y) {
-    const auto* z = mask.z.ptr<float>(y);
-    const std::uint8_t* in = mask.in.ptr(y);
-    float* out = depth.z.data() + depth.cell_of(0, y);
-    for (int x = 0; x < width; ++x) out[x] = in[x] != 0 ? z[x] : 0.0F;
+    keep_masked(mask.in.ptr(y), mask.z.ptr<float>(y), depth.width,
+                depth.z.data() + depth.cell_of(0, y));
   }
+  // Masks with the walls of `depth`, so that a cell has the same place in them.
+  const cv::Rect inside(cv::Point(1, 1), mask.in.size());
+  cv::Mat rest = cv::Mat::zeros(depth.height + 2, depth.stride, CV_8UC1);
+  mask.in.copyTo(rest(inside));
+  cv::Mat part;
   const SurfaceStep step(options);
   std::vector<int> cells;
   const auto visit = [&](int cell) {
@@ -277,17 +305,15 @@ std::vector<CellMask> smooth_parts(const CellMask& mask, const DepthRefinementOp
       }
     }
     if (cells.size() < static_cast<std::size_t>(least)) continue;
-    cv::Mat in = cv::Mat::zeros(mask.in.size(), CV_8UC1);
+    part = cv::Mat::zeros(rest.size(), CV_8UC1);
     for (const int cell : cells) {
-      const int at = (cell / depth.stride - 1) * width + cell % depth.stride - 1;
-      in.data[at] = 255;
-      rest.in.data[at] = 0;
+      part.data[cell] = 255;
+      rest.data[cell] = 0;
     }
-    parts.push_back(cut_out(mask, in));
+    parts.push_back(cut_out(mask, part(inside)));
   }
-  rest = cut_out(mask, rest.in);
-  if (rest.cells.empty()) return parts;
-  parts.push_back(std::move(rest));
+  CellMask last = cut_out(mask, rest(inside));
+  if (!last.cells.empty()) parts.push_back(std::move(last));
   return parts;
 }
 

@@ -40,6 +40,16 @@ void rim_of_row(const std::uint8_t* states, int stride, std::uint8_t in, std::ui
   }
 }
 
+// Not 0 for the cells without depth and without any of the bits `known`. Without branches, so that
+// it is vectorized.
+void holes_of_row(const std::uint8_t* states, const float* z, int known, int width,
+                  std::uint8_t* is_hole) {
+  for (int x = 0; x < width; ++x) {
+    const int open = (states[x] & known) == 0 ? 1 : 0;
+    is_hole[x] = static_cast<std::uint8_t>(measured(z[x]) ? 0 : open);
+  }
+}
+
 // Calls `work` with the places of what is not 0, which is little, in order.
 template <typename Work>
 void for_each_set(const std::vector<std::uint8_t>& flags, const Work& work) {
@@ -213,29 +223,40 @@ void DepthWindow::add_parts_behind() {
 
 void DepthWindow::fill_holes() {
   // Cells without depth that the instance all but surrounds.
-  for (int start = depth_.begin(); start < depth_.end(); ++start) {
-    if ((state(start) & (kIn | kVisited | kWall)) || measured(depth_.at(start))) continue;
-    queue_.assign(1, start);
-    state(start) |= kVisited;
-    int inside = 0;
-    int outside = 0;
-    for (std::size_t next = 0; next < queue_.size(); ++next) {
-      for (const int other : depth_.neighbours(queue_[next])) {
-        if (state(other) & kIn) {
-          ++inside;
-        } else if (measured(depth_.at(other)) || (state(other) & kWall)) {
-          ++outside;
-        } else if (!(state(other) & kVisited)) {
-          state(other) |= kVisited;
-          queue_.push_back(other);
-        }
-      }
-    }
-    if (inside >= 4 * outside) {
-      for (const int cell : queue_) state(cell) |= kIn;
-    }
+  std::vector<std::uint8_t> is_hole(static_cast<std::size_t>(depth_.width));
+  for (int y = 0; y < depth_.height; ++y) {
+    const int first = depth_.cell_of(0, y);
+    holes_of_row(&state_[static_cast<std::size_t>(first)],
+                 &depth_.z[static_cast<std::size_t>(first)], kIn | kVisited, depth_.width,
+                 is_hole.data());
+    for_each_set(is_hole, [&](std::size_t x) {
+      const int start = first + static_cast<int>(x);
+      if (!(state(start) & (kIn | kVisited))) fill_hole(start);
+    });
   }
   clear_visited();
+}
+
+// The cells without depth that are connected with `start`.
+void DepthWindow::fill_hole(int start) {
+  queue_.assign(1, start);
+  state(start) |= kVisited;
+  int inside = 0;
+  int outside = 0;
+  for (std::size_t next = 0; next < queue_.size(); ++next) {
+    for (const int other : depth_.neighbours(queue_[next])) {
+      if (state(other) & kIn) {
+        ++inside;
+      } else if (measured(depth_.at(other)) || (state(other) & kWall)) {
+        ++outside;
+      } else if (!(state(other) & kVisited)) {
+        state(other) |= kVisited;
+        queue_.push_back(other);
+      }
+    }
+  }
+  if (inside < 4 * outside) return;
+  for (const int cell : queue_) state(cell) |= kIn;
 }
 
 // The smallest window of cells that holds the instance; empty if it has none.

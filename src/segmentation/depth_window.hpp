@@ -113,6 +113,7 @@ class DepthWindow {
   void find_rim(std::vector<int>& rim) const;
   bool hidden_from_the_mask(const std::vector<int>& component) const;
   bool flood_apart(int start);
+  void fill_hole(int start);
   cv::Rect extent() const;
   void choose_brushes(int left, int y, std::vector<std::uint8_t>& full,
                       std::vector<std::uint8_t>& by_depth) const;

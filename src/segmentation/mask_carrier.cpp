@@ -95,10 +95,16 @@ void bell_curve(float centre, int first, int step, std::size_t count, float* val
   for (std::size_t i = nearest; i > 0; --i, ratio *= fall) values[i - 1] = values[i] * ratio;
 }
 
-// Displacements at the nodes of a grid over `cells`, every `step` cells: neighbours by distance,
-// and the common motion where there are none. CV_32FC2.
-cv::Mat displacement_field(const cv::Rect& cells, int step, const PointTracks& motion,
-                           cv::Point2f common) {
+// Displacements at the nodes of a grid, CV_32FC1.
+struct Displacements {
+  cv::Mat x;
+  cv::Mat y;
+};
+
+// Over `cells`, nodes every `step` cells: neighbours by distance, and the common motion where there
+// are none.
+Displacements displacement_field(const cv::Rect& cells, int step, const PointTracks& motion,
+                                 cv::Point2f common) {
   constexpr float kCommonWeight = 0.05F;
   const cv::Size nodes(cells.width / step + 2, cells.height / step + 2);
   const auto columns = static_cast<std::size_t>(nodes.width);
@@ -126,9 +132,7 @@ cv::Mat displacement_field(const cv::Rect& cells, int step, const PointTracks& m
       }
     }
   }
-  cv::Mat field;
-  cv::merge(std::vector<cv::Mat>{sums[0] / sums[2], sums[1] / sums[2]}, field);
-  return field;
+  return {sums[0] / sums[2], sums[1] / sums[2]};
 }
 
 // The nearest whole number, for numbers above -10000; std::lround is a call.
@@ -136,21 +140,21 @@ int nearest(float value) { return static_cast<int>(value + 10000.5F) - 10000; }
 
 constexpr int kGrid = 8;  // cells from node to node of a displacement field
 
-// Where the cells of a row that begins at `first` came from, by the displacements at its nodes.
-void origins_of_row(const std::vector<cv::Vec2f>& nodes, cv::Point first,
-                    std::vector<cv::Point>& from) {
-  for (std::size_t node = 0; node + 1 < nodes.size(); ++node) {
-    const cv::Vec2f left = nodes[node];
-    const cv::Vec2f right = nodes[node + 1];
-    const int x0 = first.x + static_cast<int>(node) * kGrid;
-    cv::Point* out = from.data() + node * kGrid;
+// The displacements of the cells of row `y`, in one direction.
+void displacements_of_row(const cv::Mat& field, int y, std::vector<float>& moved) {
+  const auto* above = field.ptr<float>(y / kGrid);
+  const auto* below = field.ptr<float>(y / kGrid + 1);
+  const float wy = static_cast<float>(y % kGrid) / kGrid;
+  const auto at_node = [=](int node) { return above[node] * (1 - wy) + below[node] * wy; };
+  float* out = moved.data();
+  float left = at_node(0);
+  for (int node = 1; node < field.cols; ++node, out += kGrid) {
+    const float right = at_node(node);
     for (int i = 0; i < kGrid; ++i) {
       const float w = static_cast<float>(i) / kGrid;
-      const float dx = left[0] * (1 - w) + right[0] * w;
-      const float dy = left[1] * (1 - w) + right[1] * w;
-      out[i] = {nearest(static_cast<float>(x0 + i) - dx),
-                nearest(static_cast<float>(first.y) - dy)};
+      out[i] = left * (1 - w) + right * w;
     }
+    left = right;
   }
 }
 
@@ -207,26 +211,29 @@ CellMask move_cells(const CellMask& source, const PointTracks& motion, cv::Point
   if (target.cells.empty()) return target;
   target.in = cv::Mat::zeros(target.cells.size(), CV_8UC1);
   target.z = cv::Mat::zeros(target.cells.size(), CV_32FC1);
-  const cv::Mat field = displacement_field(target.cells, kGrid, motion, common);
+  const Displacements field = displacement_field(target.cells, kGrid, motion, common);
   const cv::Point offset = target.cells.tl() - source.cells.tl();
-  const cv::Rect there(cv::Point(), source.cells.size());
-  std::vector<cv::Vec2f> nodes(static_cast<std::size_t>(field.cols));
-  std::vector<cv::Point> from(nodes.size() * kGrid);
+  const auto width = static_cast<unsigned>(source.cells.width);
+  const auto height = static_cast<unsigned>(source.cells.height);
+  const std::uint8_t* source_in = source.in.data;
+  const auto* source_z = source.z.ptr<float>();
+  const std::size_t in_step = source.in.step1();
+  const std::size_t z_step = source.z.step1();
+  std::vector<float> moved_x(static_cast<std::size_t>(field.x.cols * kGrid));
+  std::vector<float> moved_y(moved_x.size());
   for (int y = 0; y < target.cells.height; ++y) {
-    const auto* above = field.ptr<cv::Vec2f>(y / kGrid);
-    const auto* below = field.ptr<cv::Vec2f>(y / kGrid + 1);
-    const float wy = static_cast<float>(y % kGrid) / kGrid;
-    for (std::size_t i = 0; i < nodes.size(); ++i) {
-      nodes[i] = above[i] * (1 - wy) + below[i] * wy;
-    }
-    origins_of_row(nodes, offset + cv::Point(0, y), from);
+    displacements_of_row(field.x, y, moved_x);
+    displacements_of_row(field.y, y, moved_y);
     std::uint8_t* in = target.in.ptr(y);
     auto* z = target.z.ptr<float>(y);
+    const auto own_y = static_cast<float>(offset.y + y);
     for (int x = 0; x < target.cells.width; ++x) {
-      const cv::Point at = from[static_cast<std::size_t>(x)];
-      if (!there.contains(at)) continue;
-      in[x] = source.in.at<std::uint8_t>(at);
-      z[x] = in[x] != 0 ? source.z.at<float>(at) : 0.0F;
+      const auto i = static_cast<std::size_t>(x);
+      const auto sx = static_cast<unsigned>(nearest(static_cast<float>(offset.x + x) - moved_x[i]));
+      const auto sy = static_cast<unsigned>(nearest(own_y - moved_y[i]));
+      if (sx >= width || sy >= height || source_in[sy * in_step + sx] == 0) continue;
+      in[x] = source_in[sy * in_step + sx];
+      z[x] = source_z[sy * z_step + sx];
     }
   }
   return target;

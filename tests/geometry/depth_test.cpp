@@ -1,4 +1,6 @@
+#include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <limits>
 #include <vector>
 
@@ -14,9 +16,12 @@ namespace {
 
 using synthetic::kNaN;
 
-TEST(DepthCells, HoldNearestAndFarthestOfCellAndNeighbours) {
-  const PinholeCamera camera{100, 100, 10, 6, 22, 13};
-  std::vector<float> image(22 * 13);
+class DepthCellsOfWidth : public testing::TestWithParam<int> {};
+
+TEST_P(DepthCellsOfWidth, HoldNearestAndFarthestOfCellAndNeighbours) {
+  const int width = GetParam();
+  const PinholeCamera camera{100, 100, 10, 6, width, 13};
+  std::vector<float> image(static_cast<std::size_t>(width) * 13);
   std::uint32_t state = 1;
   for (float& z : image) {
     state = state * 1664525U + 1013904223U;
@@ -25,16 +30,16 @@ TEST(DepthCells, HoldNearestAndFarthestOfCellAndNeighbours) {
   DepthCellsOptions options;
   options.min_valid = 0.3;
   DepthCells cells;
-  build_depth_cells({image.data(), 22, 13}, camera, options, cells);
-  ASSERT_EQ(cells.width, 6);
+  build_depth_cells({image.data(), width, 13}, camera, options, cells);
+  ASSERT_EQ(cells.width, (width + 3) / 4);
   ASSERT_EQ(cells.height, 4);
   for (int cy = 0; cy < 4; ++cy) {
-    for (int cx = 0; cx < 6; ++cx) {
+    for (int cx = 0; cx < cells.width; ++cx) {
       float nearest = 1e9F, farthest = 0.0F;
       int count = 0;
       for (int y = std::max(0, 4 * cy - 4); y < std::min(13, 4 * cy + 8); ++y) {
-        for (int x = std::max(0, 4 * cx - 4); x < std::min(22, 4 * cx + 8); ++x) {
-          const float z = image[static_cast<std::size_t>(y * 22 + x)];
+        for (int x = std::max(0, 4 * cx - 4); x < std::min(width, 4 * cx + 8); ++x) {
+          const float z = image[static_cast<std::size_t>(y * width + x)];
           if (z <= 0.0F) continue;
           ++count;
           nearest = std::min(nearest, z);
@@ -42,12 +47,15 @@ TEST(DepthCells, HoldNearestAndFarthestOfCellAndNeighbours) {
         }
       }
       const bool known = count >= std::ceil(0.3 * 9 * 16);
-      const std::size_t i = static_cast<std::size_t>(cy * 6 + cx);
+      const std::size_t i = static_cast<std::size_t>(cy * cells.width + cx);
       EXPECT_EQ(cells.near_depth[i], known ? nearest : 0.0F);
       EXPECT_EQ(cells.far_depth[i], known ? farthest : 0.0F);
     }
   }
 }
+
+// Less than what is summarized together, that, and one and a half of it.
+INSTANTIATE_TEST_SUITE_P(Widths, DepthCellsOfWidth, testing::Values(22, 64, 97));
 
 TEST(DepthCells, KnowNothingOfHolesAndTreatNaNAndInfinityAsHoles) {
   for (const float hole : {0.0F, -1.0F, kNaN, std::numeric_limits<float>::infinity()}) {
@@ -268,6 +276,46 @@ TEST(DepthConsistency, RefusesEachInvalidOption) {
   EXPECT_THROW(judge_depth({image.data(), 320, 480}, synthetic::kCamera, {}, {}, evidence),
                InvalidArgument);
   EXPECT_THROW(judge_depth({}, synthetic::kCamera, {}, {}, evidence), InvalidArgument);
+}
+
+TEST(LookBatch, VotesAsEachLookByItself) {
+  const PinholeCamera camera{50, 50, 20, 15, 41, 31};
+  std::uint32_t state = 5;
+  const auto next = [&] {
+    return static_cast<float>((state = state * 1664525U + 1013904223U) >> 8);
+  };
+  std::vector<float> image(41 * 31);
+  for (std::size_t i = 0; i < image.size(); ++i) {
+    image[i] = 1.0F + static_cast<float>(i % 41 / 14) + next() * 1e-9F;  // three steps
+  }
+  std::vector<std::uint8_t> mask(image.size(), 0);
+  std::fill(mask.begin(), mask.begin() + 300, 255);
+  DepthCells cells;
+  build_depth_cells({image.data(), 41, 31}, camera, {mask.data(), 41, 31}, {2, 0.6}, cells);
+  const detail::Outlook outlook(cells);
+  const detail::MarginModel model(DepthConsistencyOptions{});
+  detail::LookBatch batch;
+  int still = 0, arrived = 0;
+  for (int row = 0; row < 100; ++row) {
+    float z[20];
+    for (float& each : z) each = next() < 3e6F ? 0.0F : next() * 3e-7F;
+    const Eigen::Vector3f origin(-0.5F, -0.4F + 0.008F * static_cast<float>(row), 1.0F);
+    const Eigen::Vector3f step(0.05F, 0.001F, 0.0F), t(0.02F, 0.01F, -0.05F);
+    float log_odds[20] = {};
+    batch.project(z, 20, 3, origin, step, t, outlook);
+    batch.look_up(outlook);
+    batch.vote(model, 2.0F, 0.7F, 20, log_odds);
+    for (int i = 0; i < 20; ++i) {
+      detail::SightTally tally;
+      const Eigen::Vector3f P = z[i] * (origin + static_cast<float>(3 + i) * step) + t;
+      if (z[i] > 0.0F) tally.add(detail::look(P, z[i], outlook, model), 2.0F, 0.7F);
+      EXPECT_EQ(log_odds[i], tally.log_odds) << row << " " << i;
+      still += tally.seen;
+      arrived += tally.through;
+    }
+  }
+  EXPECT_GT(still, 30);
+  EXPECT_GT(arrived, 100);
 }
 
 }  // namespace

@@ -416,5 +416,29 @@ TEST_F(RegionGrow, RefusesEachInvalidOption) {
   EXPECT_THROW(grow(options), InvalidArgument);
 }
 
+TEST(HoleVoters, AreTheNearestPixelsWithDepthInEachDirection) {
+  constexpr int kWidth = 37, kHeight = 29;
+  std::vector<float> image(kWidth * kHeight);
+  std::uint32_t state = 3;
+  for (float& z : image) z = (state = state * 1664525U + 1013904223U) >> 28 == 0 ? 1.5F : 0.0F;
+  const ImageView<const float> depth(image.data(), kWidth, kHeight);
+  detail::KnownPixels known;
+  known.fill(depth);
+  for (int y = 0; y < kHeight; ++y) {
+    for (int x = 0; x < kWidth; ++x) {
+      const detail::HoleVoters voters(known.at(x, y), known.pitch);
+      for (int d = 0; d < 8; ++d) {
+        const int dx = detail::HoleVoters::kSteps[d][0], dy = detail::HoleVoters::kSteps[d][1];
+        int nearest = 0;
+        for (int i = 10; i >= 1; --i) {
+          const int u = x + i * dx, v = y + i * dy;
+          if (depth.contains(u, v) && depth(u, v) > 0.0F) nearest = i;
+        }
+        ASSERT_EQ(voters.away[d][0], nearest) << x << " " << y << " " << d;
+      }
+    }
+  }
+}
+
 }  // namespace
 }  // namespace dynslam::geometry

@@ -7,6 +7,7 @@
 #include "dynslam/core/image_view.hpp"
 #include "dynslam/core/span.hpp"
 #include "dynslam/geometry/depth_consistency.hpp"
+#include "dynslam/geometry/detail/hole_voters.hpp"
 #include "dynslam/geometry/verdict.hpp"
 #include "dynslam/geometry/views.hpp"
 
@@ -41,6 +42,7 @@ struct RegionGrowWorkspace {
   std::vector<float> sum, weight, gain, right, down;
   std::vector<std::uint8_t> label, line;
   std::vector<int> region, queue, borders, strays;
+  detail::KnownPixels known;
 };
 
 /// Fills the mask of what moves (255) from cell evidence and, optionally, feature verdicts.

@@ -20,23 +20,70 @@ inline void DepthCellsOptions::validate() const {
 
 namespace detail {
 
-inline DepthBlock summarize_block(ImageView<const float> depth, MaskView mask, int x0, int y0,
-                                  int side) {
-  DepthBlock block;
-  const int x1 = std::min(x0 + side, depth.width), y1 = std::min(y0 + side, depth.height);
-  for (int y = y0; y < y1; ++y) {
-    const float* row = depth.row(y);
-    const std::uint8_t* hidden = mask.data != nullptr ? mask.row(y) : nullptr;
-    for (int x = x0; x < x1; ++x) {
-      const float z = row[x];
-      if (!has_depth(z)) continue;
-      block.movers += hidden != nullptr && hidden[x] != 0;
-      block.nearest = std::min(block.nearest, z);
-      block.farthest = std::max(block.farthest, z);
-      ++block.count;
+/// Summary of each of `kSize` columns of pixels: a constant number without branches between them,
+/// so that adding a row is vectorized.
+struct ColumnSummaries {
+  static constexpr int kSize = 64;  // the largest cell fits
+
+  float nearest[kSize], farthest[kSize];
+  std::uint8_t count[kSize] = {}, movers[kSize] = {};  // at most kSize rows are added
+
+  ColumnSummaries() {
+    std::fill(nearest, nearest + kSize, DepthBlock().nearest);
+    std::fill(farthest, farthest + kSize, DepthBlock().farthest);
+  }
+  /// `hidden`: not 0 where masked.
+  void add_row(const float* depths, const std::uint8_t* hidden) {
+    for (int x = 0; x < kSize; ++x) {
+      const float z = depths[x];
+      const bool known = (z > 0.0F) & (z <= std::numeric_limits<float>::max());
+      nearest[x] = std::min(nearest[x], known ? z : std::numeric_limits<float>::infinity());
+      farthest[x] = std::max(farthest[x], known ? z : 0.0F);
+      count[x] += known ? 1 : 0;
+      movers[x] += known & (hidden[x] != 0) ? 1 : 0;
     }
   }
-  return block;
+  DepthBlock join(int first, int columns) const {
+    DepthBlock block;
+    for (int x = first; x < first + columns; ++x) {
+      block.add({nearest[x], farthest[x], count[x], movers[x]});
+    }
+    return block;
+  }
+};
+
+/// Columns from x0 on of the rows of pixels y0 <= y < y1. Columns outside of the image have no
+/// depth; without a mask nothing is hidden.
+inline ColumnSummaries summarize_columns(ImageView<const float> depth, MaskView mask, int x0,
+                                         int y0, int y1) {
+  constexpr int kSize = ColumnSummaries::kSize;
+  const int columns = std::min(kSize, depth.width - x0);
+  float depths[kSize] = {};
+  std::uint8_t hidden[kSize] = {};
+  ColumnSummaries sums;
+  for (int y = y0; y < y1; ++y) {
+    const float* z = depth.row(y) + x0;
+    const std::uint8_t* m = mask.data != nullptr ? mask.row(y) + x0 : hidden;
+    if (columns == kSize) {
+      sums.add_row(z, m);
+    } else {
+      std::copy(z, z + columns, depths);
+      if (mask.data != nullptr) std::copy(m, m + columns, hidden);
+      sums.add_row(depths, hidden);
+    }
+  }
+  return sums;
+}
+
+/// A row of blocks of `side` x `side` pixels, from row y0 of the image on.
+inline void summarize_blocks(ImageView<const float> depth, MaskView mask, int y0, int side,
+                             DepthBlock* blocks) {
+  const int y1 = std::min(y0 + side, depth.height);
+  const int step = ColumnSummaries::kSize / side * side;  // whole blocks
+  for (int x0 = 0; x0 < depth.width; x0 += step) {
+    const ColumnSummaries sums = summarize_columns(depth, mask, x0, y0, y1);
+    for (int x = 0; x < step && x0 + x < depth.width; x += side) *blocks++ = sums.join(x, side);
+  }
 }
 
 /// Blocks of three rows joined with their left and right neighbours.
@@ -95,9 +142,7 @@ inline void build_depth_cells(ImageView<const float> depth, const PinholeCamera&
   out.mover.resize(out.near_depth.size());
   const auto block_row = [&](int y) { return out.blocks.data() + (y % 3) * width; };
   const auto fill = [&](int y) {
-    for (int x = 0; x < width; ++x) {
-      block_row(y)[x] = detail::summarize_block(depth, mask, x * side, y * side, side);
-    }
+    detail::summarize_blocks(depth, mask, y * side, side, block_row(y));
   };
   fill(0);
   for (int y = 0; y < height; ++y) {

@@ -7,6 +7,7 @@
 
 #include "dynslam/core/errors.hpp"
 #include "dynslam/geometry/depth_consistency.hpp"
+#include "dynslam/geometry/detail/depth_look.hpp"
 
 namespace dynslam::geometry {
 
@@ -49,88 +50,6 @@ inline bool usable(const DepthReference& reference) {
          reference.T_cur_ref.all_finite();
 }
 
-/// Margins in single precision, prepared once per call.
-struct MarginModel {
-  float a, b, c, pose2, k, floor, relative, spread, min_range;
-
-  explicit MarginModel(const DepthConsistencyOptions& o)
-      : a(static_cast<float>(o.depth_noise.a)),
-        b(static_cast<float>(o.depth_noise.b)),
-        c(static_cast<float>(o.depth_noise.c)),
-        pose2(static_cast<float>(o.pose_noise.translation * o.pose_noise.translation)),
-        k(static_cast<float>(o.threshold)),
-        floor(static_cast<float>(o.depth_floor)),
-        relative(static_cast<float>(o.relative_floor)),
-        spread(static_cast<float>(o.max_spread)),
-        min_range(static_cast<float>(o.min_range)) {}
-
-  float sigma2(float z) const {
-    const float s = a + b * (z - c) * (z - c);
-    return s * s;
-  }
-  /// What no margin at this depth is less than.
-  float least_margin(float z_now) const { return floor + relative * z_now; }
-  float margin(float z_now, float z_seen) const {
-    return k * std::sqrt(sigma2(z_now) + sigma2(z_seen) + pose2) + floor + relative * z_now;
-  }
-};
-
-/// Cells of a reference with what a look-up needs of its camera, prepared once per call.
-struct Outlook {
-  float fx, fy, cx, cy, width, height;  ///< pixels; a pixel's corner, not its centre, is whole
-  std::uint32_t per_cell;               ///< 2^22 / cell, rounded up
-  int pitch;                            ///< cells a row
-  const float* near_depth;
-  const float* far_depth;
-  const std::uint8_t* mover;
-
-  explicit Outlook(const DepthCells& cells)
-      : fx(static_cast<float>(cells.camera.fx)),
-        fy(static_cast<float>(cells.camera.fy)),
-        cx(static_cast<float>(cells.camera.cx)),
-        cy(static_cast<float>(cells.camera.cy)),
-        width(static_cast<float>(cells.camera.width)),
-        height(static_cast<float>(cells.camera.height)),
-        per_cell(((1U << 22) + static_cast<std::uint32_t>(cells.cell) - 1) /
-                 static_cast<std::uint32_t>(cells.cell)),
-        pitch(cells.width),
-        near_depth(cells.near_depth.data()),
-        far_depth(cells.far_depth.data()),
-        mover(cells.mover.data()) {}
-
-  /// Cell of a pixel coordinate: its whole part divided by the cell's size. Exact for cells of up
-  /// to 64 and images of up to 65536 pixels a side.
-  std::size_t cell_of(float pixel) const {
-    return static_cast<std::uint64_t>(static_cast<std::uint32_t>(pixel)) * per_cell >> 22;
-  }
-};
-
-/// Looks up a point given in the reference's camera coordinates; `z_now` is its depth in the
-/// current camera, of which the noise is a function.
-inline SightResult look(const Eigen::Vector3f& P, float z_now, const Outlook& cells,
-                        const MarginModel& model) {
-  if (!(P.z() > static_cast<float>(kMinDepth))) return {};
-  const float inv = 1.0F / P.z();
-  const float u = cells.fx * P.x() * inv + cells.cx + 0.5F;
-  const float v = cells.fy * P.y() * inv + cells.cy + 0.5F;
-  if (!(u >= 0.0F && v >= 0.0F && u < cells.width && v < cells.height)) return {};
-  const std::size_t at = cells.cell_of(v) * cells.pitch + cells.cell_of(u);
-  const float nearest = cells.near_depth[at], farthest = cells.far_depth[at];
-  if (nearest <= 0.0F) return {Sight::kHole};
-  const bool mover = cells.mover[at] != 0;
-  const float before = nearest - P.z(), behind = P.z() - farthest;
-  const Sight seen = farthest - nearest > model.spread * nearest ? Sight::kEdge
-                     : mover                                     ? Sight::kMover
-                                                                 : Sight::kSeen;
-  const float away = std::max(before, behind);
-  if (away <= model.least_margin(z_now)) return {seen, 0.0F, std::max(0.0F, away)};
-  const float margin = model.margin(z_now, before > 0.0F ? nearest : farthest);
-  if (before > margin && (mover || P.z() < model.min_range)) return {Sight::kHidden};
-  if (before > margin) return {Sight::kThrough, before / margin - 1.0F, before};
-  if (behind > margin) return {Sight::kHidden, 0.0F, behind};
-  return {seen, 0.0F, away};
-}
-
 /// Depth of a pixel if its neighbours support it, else 0 (a flying pixel, or none).
 inline float supported_depth(ImageView<const float> depth, int x, int y, int reach) {
   const float z = depth(x, y);
@@ -157,40 +76,43 @@ inline void gather_depth(ImageView<const float> depth, DepthEvidence& out) {
   }
 }
 
-/// One row of cells against one reference; the ray turned into the reference is linear in x.
-inline void tally_row(const DepthEvidence& out, int y, const PinholeCamera& camera,
-                      const RigidTransform& T_ref_cur, const Outlook& cells,
-                      const MarginModel& model, float dynamic_evidence, float static_evidence,
-                      SightTally* row) {
-  const double half = out.stride / 2;
-  const Eigen::Vector3d first = T_ref_cur.R * camera.bearing({half, y * out.stride + half});
-  const Eigen::Vector3f origin = first.cast<float>();
+/// Adds what one reference says of all cells to their log-odds.
+inline void add_votes(const PinholeCamera& camera, const DepthReference& reference,
+                      const DepthConsistencyOptions& options, const MarginModel& model,
+                      DepthEvidence& out) {
+  const RigidTransform T_ref_cur = reference.T_cur_ref.inverse();
+  const Outlook cells(*reference.cells);
   const Eigen::Vector3f step = (T_ref_cur.R.col(0) * (out.stride / camera.fx)).cast<float>();
   const Eigen::Vector3f t = T_ref_cur.t.cast<float>();
-  const float* z = out.depth.data() + static_cast<std::size_t>(y) * out.width;
-  for (int x = 0; x < out.width; ++x) {
-    if (z[x] <= 0.0F) continue;
-    const Eigen::Vector3f P = z[x] * (origin + static_cast<float>(x) * step) + t;
-    row[x].add(look(P, z[x], cells, model), dynamic_evidence, static_evidence);
+  const float dynamic_evidence = static_cast<float>(options.dynamic_evidence);
+  const float static_evidence = static_vote(reference, options);
+  const double half = out.stride / 2;
+  LookBatch batch;
+  for (int y = 0; y < out.height; ++y) {
+    const Eigen::Vector3d first = T_ref_cur.R * camera.bearing({half, y * out.stride + half});
+    const Eigen::Vector3f origin = first.cast<float>();
+    const std::size_t row = static_cast<std::size_t>(y) * out.width;
+    for (int x = 0; x < out.width; x += LookBatch::kSize) {
+      const std::size_t i = row + static_cast<std::size_t>(x);
+      const int count = std::min(LookBatch::kSize, out.width - x);
+      batch.project(&out.depth[i], count, x, origin, step, t, cells);
+      batch.look_up(cells);
+      batch.vote(model, dynamic_evidence, static_evidence, count, &out.log_odds[i]);
+    }
   }
 }
 
 inline void count_verdicts(DepthEvidence& evidence) {
-  evidence.static_cells = evidence.dynamic_cells = evidence.unknown_cells = 0;
+  int still = 0, dynamic = 0, all = 0;
   for (std::size_t i = 0; i < evidence.depth.size(); ++i) {
-    if (evidence.depth[i] <= 0.0F) continue;
-    switch (evidence.verdict[i]) {
-      case Verdict::kStatic:
-        ++evidence.static_cells;
-        break;
-      case Verdict::kDynamic:
-        ++evidence.dynamic_cells;
-        break;
-      case Verdict::kUnknown:
-        ++evidence.unknown_cells;
-        break;
-    }
+    const bool known = evidence.depth[i] > 0.0F;
+    all += known;
+    still += known & (evidence.verdict[i] == Verdict::kStatic);
+    dynamic += known & (evidence.verdict[i] == Verdict::kDynamic);
   }
+  evidence.static_cells = still;
+  evidence.dynamic_cells = dynamic;
+  evidence.unknown_cells = all - still - dynamic;
 }
 
 inline FeatureVerdict judge_one(const Eigen::Vector3d& X, Span<const DepthReference> references,
@@ -240,24 +162,15 @@ inline void judge_depth(ImageView<const float> depth, const PinholeCamera& camer
   out.depth.resize(cells);
   out.log_odds.resize(cells);
   out.verdict.resize(cells);
-  out.row.resize(static_cast<std::size_t>(out.width));
   detail::gather_depth(depth, out);
+  std::fill(out.log_odds.begin(), out.log_odds.end(), 0.0F);
   const detail::MarginModel model(options);
-  for (int y = 0; y < out.height; ++y) {
-    std::fill(out.row.begin(), out.row.end(), detail::SightTally());
-    for (const DepthReference& reference : references) {
-      if (!detail::usable(reference)) continue;
-      detail::tally_row(out, y, camera, reference.T_cur_ref.inverse(),
-                        detail::Outlook(*reference.cells), model,
-                        static_cast<float>(options.dynamic_evidence),
-                        detail::static_vote(reference, options), out.row.data());
-    }
-    for (int x = 0; x < out.width; ++x) {
-      const std::size_t i = static_cast<std::size_t>(y) * out.width + x;
-      out.log_odds[i] = out.row[static_cast<std::size_t>(x)].log_odds;
-      out.verdict[i] =
-          out.row[static_cast<std::size_t>(x)].verdict(static_cast<float>(options.decision));
-    }
+  for (const DepthReference& reference : references) {
+    if (detail::usable(reference)) detail::add_votes(camera, reference, options, model, out);
+  }
+  const float decision = static_cast<float>(options.decision);
+  for (std::size_t i = 0; i < cells; ++i) {
+    out.verdict[i] = detail::verdict_of(out.log_odds[i], decision);
   }
   detail::count_verdicts(out);
 }

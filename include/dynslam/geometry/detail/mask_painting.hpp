@@ -79,46 +79,9 @@ struct Surroundings {
   }
 };
 
-/// Label of a pixel without depth: the pixels with depth around it vote by likeness and nearness.
-inline std::uint8_t voted_label(ImageView<const float> depth, ImageView<const std::uint8_t> guide,
-                                ImageView<std::uint8_t> mask, int x, int y, std::uint8_t fallback) {
-  constexpr int kReach = 10;          // pixels
-  constexpr float kLikeness = 12.0F;  // grey levels
-  constexpr int kSteps[8][2] = {{1, 0}, {-1, 0},  {0, 1},  {0, -1},
-                                {1, 1}, {-1, -1}, {1, -1}, {-1, 1}};
-  const int rooms[2][3] = {{x, kReach, depth.width - 1 - x}, {y, kReach, depth.height - 1 - y}};
-  struct Voter {
-    int x, y, away;
-  } voters[8];
-  const std::ptrdiff_t pitch = depth.stride_bytes / static_cast<std::ptrdiff_t>(sizeof(float));
-  int count = 0, moving = 0;
-  for (const auto& step : kSteps) {
-    const int reach = std::min({kReach, rooms[0][step[0] + 1], rooms[1][step[1] + 1]});
-    const std::ptrdiff_t next = step[1] * pitch + step[0];
-    const float* z = &depth(x, y);
-    int i = 1;
-    while (i <= reach && !has_depth(z[i * next])) ++i;
-    if (i > reach) continue;
-    voters[count++] = {x + i * step[0], y + i * step[1], i};
-    moving += mask(x + i * step[0], y + i * step[1]) >> 7;
-  }
-  if (count == 0) return fallback;
-  if (moving == 0 || moving == count) return moving == 0 ? 0 : 255;  // no need to weigh votes
-  float dynamic = 0.0F, total = 0.0F;
-  for (int i = 0; i < count; ++i) {
-    const Voter& voter = voters[i];
-    const int difference = std::abs(guide(voter.x, voter.y) - guide(x, y));
-    const float unlike = static_cast<float>(difference) / kLikeness;
-    const float vote = 1.0F / ((1.0F + unlike * unlike) * static_cast<float>(1 + voter.away));
-    total += vote;
-    dynamic += mask(voter.x, voter.y) != 0 ? vote : 0.0F;
-  }
-  return 2.0F * dynamic > total ? 255 : 0;
-}
-
-/// Label of a pixel without depth, more readily dynamic: does it look like the mover's pixels
-/// around it more than like the others, and how many of them touch it? Contours are where images
-/// change, so that looks tell the sides apart where depth is missing.
+/// Label of a pixel without depth, more readily dynamic than by vote: does it look like the mover's
+/// pixels around it more than like the others, and how many of them touch it? Contours are where
+/// images change, so that looks tell the sides apart where depth is missing.
 inline std::uint8_t alike_label(ImageView<const float> depth, ImageView<const std::uint8_t> guide,
                                 ImageView<std::uint8_t> mask, int x, int y, std::uint8_t fallback) {
   constexpr int kReach = 3;  // pixels
@@ -141,32 +104,25 @@ inline std::uint8_t alike_label(ImageView<const float> depth, ImageView<const st
   return likeness + kTouch * static_cast<float>(sides[1].adjacent) > kDecision ? 255 : 0;
 }
 
-/// Gives the pixels of a cell that have no depth their labels.
-template <typename Label>
-void settle_cell(ImageView<const float> depth, int stride, int cx, int cy,
-                 ImageView<const std::uint8_t> guide, const Label& label,
-                 ImageView<std::uint8_t> mask) {
+/// Gives the pixels of a cell that have no depth the label of those that they look like.
+inline void settle_by_likeness(ImageView<const float> depth, int stride, int cx, int cy,
+                               ImageView<const std::uint8_t> guide, ImageView<std::uint8_t> mask) {
   for (int y = cy * stride; y < std::min((cy + 1) * stride, mask.height); ++y) {
     for (int x = cx * stride; x < std::min((cx + 1) * stride, mask.width); ++x) {
-      if (!has_depth(depth(x, y))) mask(x, y) = label(depth, guide, mask, x, y, mask(x, y));
+      if (!has_depth(depth(x, y))) mask(x, y) = alike_label(depth, guide, mask, x, y, mask(x, y));
     }
   }
 }
 
-/// Gives the pixels without depth along the mask's border, and around strays, their labels.
-template <typename Label>
-void settle_holes(ImageView<const float> depth, const DepthEvidence& e,
-                  const RegionGrowWorkspace& w, ImageView<const std::uint8_t> guide,
-                  const Label& label, ImageView<std::uint8_t> mask) {
-  for (const int i : w.borders) {
-    settle_cell(depth, e.stride, i % e.width, i / e.width, guide, label, mask);
-  }
+/// Gives the pixels without depth along the mask's border, and around strays, their labels, by
+/// `settle(cx, cy)` for each cell.
+template <typename Settle>
+void settle_holes(const DepthEvidence& e, const RegionGrowWorkspace& w, const Settle& settle) {
+  for (const int i : w.borders) settle(i % e.width, i / e.width);
   for (const int i : w.strays) {
     const int cx = i % e.width, cy = i / e.width;
     for (int y = std::max(0, cy - 1); y <= std::min(e.height - 1, cy + 1); ++y) {
-      for (int x = std::max(0, cx - 1); x <= std::min(e.width - 1, cx + 1); ++x) {
-        settle_cell(depth, e.stride, x, y, guide, label, mask);
-      }
+      for (int x = std::max(0, cx - 1); x <= std::min(e.width - 1, cx + 1); ++x) settle(x, y);
     }
   }
 }

@@ -122,14 +122,15 @@ inline void dilate_mask(ImageView<std::uint8_t> mask, int radius, RegionGrowWork
 }
 
 inline double dynamic_share(ImageView<std::uint8_t> mask) {
+  constexpr std::uint64_t kOnes = 0x0101010101010101;
   std::size_t set = 0;
   for (int y = 0; y < mask.height; ++y) {
     const std::uint8_t* row = mask.row(y);
     int x = 0;
-    for (; x + 8 <= mask.width; x += 8) {  // most are eight static pixels
+    for (; x + 8 <= mask.width; x += 8) {
       std::uint64_t eight = 0;
       std::memcpy(&eight, row + x, 8);
-      for (; eight != 0; eight >>= 8) set += eight >> 7 & 1;
+      set += (eight >> 7 & kOnes) * kOnes >> 56;  // the product's first byte is the sum
     }
     for (; x < mask.width; ++x) set += row[x] >> 7;
   }
@@ -196,9 +197,15 @@ inline double grow_regions(ImageView<const float> depth, const DepthEvidence& ev
   detail::find_borders(evidence, w);
   detail::paint(depth, evidence, w, mask);
   if (complete) detail::settle_strays(depth, evidence, w, mask);
-  if (!guide.empty()) {
-    const auto label = complete ? detail::alike_label : detail::voted_label;
-    detail::settle_holes(depth, evidence, w, guide, label, mask);
+  if (!guide.empty() && complete) {
+    detail::settle_holes(evidence, w, [&](int cx, int cy) {
+      detail::settle_by_likeness(depth, stride, cx, cy, guide, mask);
+    });
+  } else if (!guide.empty()) {
+    w.known.fill(depth);
+    detail::settle_holes(evidence, w, [&](int cx, int cy) {
+      detail::settle_by_vote(w.known, stride, cx, cy, guide, mask);
+    });
   }
   if (options.dilate > 0) detail::dilate_mask(mask, options.dilate, w);
   return detail::dynamic_share(mask);

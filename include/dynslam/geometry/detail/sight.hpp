@@ -24,6 +24,12 @@ struct SightResult {
 /// Share of a static vote that agreement with a former mover is worth.
 inline constexpr float kMoverShare = 0.5F;
 
+/// No votes are log-odds of 0.
+inline Verdict verdict_of(float log_odds, float decision) {
+  if (log_odds > decision) return Verdict::kDynamic;
+  return log_odds < -decision ? Verdict::kStatic : Verdict::kUnknown;
+}
+
 /// Votes of the references about one point, added up.
 struct SightTally {
   float log_odds = 0.0F;
@@ -50,11 +56,7 @@ struct SightTally {
       ++hole;
     }
   }
-  Verdict verdict(float decision) const {
-    if (through + seen == 0) return Verdict::kUnknown;
-    if (log_odds > decision) return Verdict::kDynamic;
-    return log_odds < -decision ? Verdict::kStatic : Verdict::kUnknown;
-  }
+  Verdict verdict(float decision) const { return verdict_of(log_odds, decision); }
   Reason reason(Verdict verdict) const {
     if (verdict == Verdict::kDynamic) return Reason::kFreeSpaceViolated;
     if (verdict == Verdict::kStatic) return Reason::kConsistent;
