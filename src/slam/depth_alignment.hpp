@@ -65,7 +65,7 @@ struct SurfaceAlignment {
 ///
 /// Source: Rusinkiewicz and Levoy, "Efficient variants of the ICP algorithm", 3DIM 2001 (projective
 /// association, point-to-plane); Steinbruecker, Sturm, Cremers, "Real-time visual odometry from
-/// dense RGB-D images", ICCV workshops 2011 (brightness). O(cells x iterations), about 5 ms at step
+/// dense RGB-D images", ICCV workshops 2011 (brightness). O(cells x iterations), about 1 ms at step
 /// 1; allocates nothing.
 std::optional<SurfaceAlignment> align_surfaces(const SurfaceGrid& from, const SurfaceGrid& to,
                                                const PinholeCamera& camera,

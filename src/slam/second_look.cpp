@@ -71,8 +71,7 @@ bool SecondLook::is_due(double timestamp) const {
 
 // What one look after the other has left as it was takes more to be contradicted.
 double SecondLook::clearly() const {
-  return kClearly *
-         (1.0 + std::clamp((withstood_ - kDoubtful) / (kCertain - kDoubtful), 0.0, 1.0));
+  return kClearly * (1.0 + std::clamp((withstood_ - kDoubtful) / (kCertain - kDoubtful), 0.0, 1.0));
 }
 
 // By aligned depth; near surfaces count no more than far ones of the same size.

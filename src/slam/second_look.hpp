@@ -50,7 +50,7 @@ class SecondLook {
   const LastKeyframe& keyframe() const { return keyframe_; }
   /// T_cam_world of a frame if it is clearly another than the one that was tracked; nothing if that
   /// was right or cannot be told. `motions`: what else T_first_cam may be. O(motions x cells),
-  /// about 5 ms each.
+  /// about 0.5 ms each.
   std::optional<RigidTransform> contradict(Span<const RigidTransform> motions, TrackedFrame& frame);
   /// Where the camera was at a time between the first frame and one whose pose has been corrected.
   RigidTransform between(double timestamp, double corrected_timestamp,
