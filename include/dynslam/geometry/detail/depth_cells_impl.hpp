@@ -40,7 +40,7 @@ struct ColumnSummaries {
       nearest[x] = std::min(nearest[x], known ? z : std::numeric_limits<float>::infinity());
       farthest[x] = std::max(farthest[x], known ? z : 0.0F);
       count[x] += known ? 1 : 0;
-      movers[x] += known & (hidden[x] != 0) ? 1 : 0;
+      movers[x] += (known & (hidden[x] != 0)) ? 1 : 0;
     }
   }
   DepthBlock join(int first, int columns) const {
