@@ -1,4 +1,5 @@
-// What a reference saw where a point would be, one by one and many at a time.
+// What a reference saw where a point would be, one by one and many at a time; a part of
+// depth_consistency.hpp.
 #pragma once
 
 #include <algorithm>
