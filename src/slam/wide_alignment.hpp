@@ -50,7 +50,7 @@ struct WideAlignment {
 /// the few that fit best finely, and the best fit is taken if it explains most of what both cameras
 /// see. Where the surfaces leave a direction open and brightness does not close it, nothing.
 ///
-/// O(starts x cells); about 50 ms. Deterministic.
+/// O(starts x cells); about 20 ms. Deterministic.
 std::optional<WideAlignment> align_wide(const SurfaceGrid& from, const SurfaceGrid& to,
                                         const PinholeCamera& camera,
                                         Span<const RigidTransform> guesses);
