@@ -1,10 +1,6 @@
 #include "slam/alignment_kernels.hpp"
 
-#include <cstdint>
-
-#include "dynslam/core/camera.hpp"
-
-#include "slam/depth_alignment.hpp"
+#include "slam/alignment_views.hpp"
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "slam/alignment_kernels.cpp"
@@ -280,9 +276,11 @@ namespace dynslam::slam::kernels {
 
 HWY_EXPORT(sum_partners);
 
-AlignmentSums sum_partners(const Surface& from, const Surface& to, const Motion& motion,
-                           const Pinhole& camera, const Matching& matching) {
-  return HWY_DYNAMIC_DISPATCH(sum_partners)(from, to, motion, camera, matching);
+AlignmentSums sum_partners(const SurfaceGrid& from, const SurfaceGrid& to,
+                           const PinholeCamera& camera, const RigidTransform& T_from_to,
+                           const Matching& matching) {
+  return HWY_DYNAMIC_DISPATCH(sum_partners)(surface_of(from), surface_of(to), motion_of(T_from_to),
+                                            pinhole_of(camera), matching);
 }
 
 }  // namespace dynslam::slam::kernels

@@ -1,35 +1,17 @@
-// The loops of depth_alignment.cpp over the cells of two grids, on raw pointers; dispatched at run
-// time to the best instruction set.
+// The loops of depth_alignment.cpp over the cells of two grids; dispatched at run time to the best
+// instruction set.
 #pragma once
 
-#include <cstddef>
+#include "dynslam/core/camera.hpp"
+#include "dynslam/core/rigid_transform.hpp"
+
+#include "slam/depth_alignment.hpp"
 
 namespace dynslam::slam::kernels {
 
-/// A grid of cells, row by row. Points and normals are three floats each.
-struct Surface {
-  const float* points = nullptr;   // camera coordinates, metres; z = 0 where there is none
-  const float* normals = nullptr;  // unit; zero where there is none
-  const float* trust = nullptr;    // weight of each cell; null: 1
-  const float* gray = nullptr;     // brightness of each cell; null: none
-  int width = 0;                   // cells
-  int height = 0;
-};
-
-/// Takes points of `to` into the camera of `from`.
-struct Motion {
-  float R[9];  // row by row
-  float t[3];
-};
-
-struct Pinhole {
-  float fx, fy, cx, cy;
-  float last_column, last_row;  // of the image: a pixel beyond is not in it
-};
-
 struct Matching {
   float gate;        // metres between partners
-  float gray_sigma;  // grey levels; 0: brightness is not compared
+  float gray_sigma;  // grey levels; 0: brightness is not compared, else both grids have it
   float min_cosine;  // between normals of partners
   float max_chi2;    // what one residual adds to chi2
   int step;          // every how many cells of `to` take part, in rows and columns
@@ -52,7 +34,8 @@ struct AlignmentSums {
 };
 
 /// O(cells of `to` / step^2); allocates nothing.
-AlignmentSums sum_partners(const Surface& from, const Surface& to, const Motion& motion,
-                           const Pinhole& camera, const Matching& matching);
+AlignmentSums sum_partners(const SurfaceGrid& from, const SurfaceGrid& to,
+                           const PinholeCamera& camera, const RigidTransform& T_from_to,
+                           const Matching& matching);
 
 }  // namespace dynslam::slam::kernels

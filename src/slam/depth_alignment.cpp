@@ -46,31 +46,6 @@ struct NormalEquations {
   Vector6d b = Vector6d::Zero();
 };
 
-// What the kernels are told; a grid's images are continuous, since it made them itself.
-kernels::Surface surface_of(const SurfaceGrid& grid) {
-  kernels::Surface surface;
-  surface.points = grid.points.front().data();
-  surface.normals = grid.normals.front().data();
-  surface.trust = grid.trust.empty() ? nullptr : grid.trust.ptr<float>();
-  surface.gray = grid.gray.empty() ? nullptr : grid.gray.ptr<float>();
-  surface.width = grid.width;
-  surface.height = grid.height;
-  return surface;
-}
-
-kernels::Motion motion_of(const RigidTransform& T) {
-  kernels::Motion motion;
-  Eigen::Map<Eigen::Matrix<float, 3, 3, Eigen::RowMajor>>(motion.R) = T.R.cast<float>();
-  Eigen::Map<Eigen::Vector3f>(motion.t) = T.t.cast<float>();
-  return motion;
-}
-
-kernels::Pinhole pinhole_of(const PinholeCamera& camera) {
-  return {static_cast<float>(camera.fx),        static_cast<float>(camera.fy),
-          static_cast<float>(camera.cx),        static_cast<float>(camera.cy),
-          static_cast<float>(camera.width - 1), static_cast<float>(camera.height - 1)};
-}
-
 NormalEquations equations_of(const kernels::AlignmentSums& sums) {
   NormalEquations equations;
   int k = 0;
@@ -163,10 +138,9 @@ std::optional<SurfaceAlignment> align_surfaces(const SurfaceGrid& from, const Su
   if (from.empty() || to.empty()) return std::nullopt;
   SurfaceAlignment result;
   result.T_from_to = initial;
-  const double distance = mean_distance(to);
+  // Only an open direction asks for it.
+  const double distance = options.guess_information ? 0.0 : mean_distance(to);
   const int min_partners = kMinPartners / (options.step * options.step);
-  const kernels::Surface surface_from = surface_of(from), surface_to = surface_of(to);
-  const kernels::Pinhole pinhole = pinhole_of(camera);
   const bool brightness = options.use_brightness && !from.gray.empty() && !to.gray.empty();
   kernels::AlignmentSums sums;
   NormalEquations last;
@@ -176,8 +150,7 @@ std::optional<SurfaceAlignment> align_surfaces(const SurfaceGrid& from, const Su
                                      brightness ? kBrightnessSigma : 0.0F, kMinCosine, kMaxChi2,
                                      options.step};
     for (int i = 0; i < round.iterations; ++i) {
-      sums = kernels::sum_partners(surface_from, surface_to, motion_of(result.T_from_to), pinhole,
-                                   matching);
+      sums = kernels::sum_partners(from, to, camera, result.T_from_to, matching);
       if (sums.partners < min_partners) return std::nullopt;
       last = equations_of(sums);
       if (options.guess_information) {

@@ -42,22 +42,8 @@ PinholeCamera narrow_camera() {
   return camera;
 }
 
-struct Cells {
-  SurfaceGrid grid;
-  kernels::Surface view() const {
-    kernels::Surface surface;
-    surface.points = grid.points.front().data();
-    surface.normals = grid.normals.front().data();
-    surface.trust = grid.trust.empty() ? nullptr : grid.trust.ptr<float>();
-    surface.gray = grid.gray.empty() ? nullptr : grid.gray.ptr<float>();
-    surface.width = grid.width;
-    surface.height = grid.height;
-    return surface;
-  }
-};
-
 // A wavy wall with a step, holes and a pattern.
-Cells wavy_wall(std::uint32_t seed) {
+SurfaceGrid wavy_wall(std::uint32_t seed) {
   const PinholeCamera camera = narrow_camera();
   std::mt19937 random(seed);
   std::uniform_int_distribution<int> percent(0, 99);
@@ -77,10 +63,10 @@ Cells wavy_wall(std::uint32_t seed) {
       gray.at<std::uint8_t>(y, x) = static_cast<std::uint8_t>(100 + 40 * std::sin(0.9 * x + y));
     }
   }
-  Cells cells;
-  build_surface_grid(depth, gray, camera, cells.grid);
-  cells.grid.trust.create(cells.grid.height, cells.grid.width, CV_32FC1);
-  for (float& trust : cv::Mat_<float>(cells.grid.trust)) {
+  SurfaceGrid cells;
+  build_surface_grid(depth, gray, camera, cells);
+  cells.trust.create(cells.height, cells.width, CV_32FC1);
+  for (float& trust : cv::Mat_<float>(cells.trust)) {
     trust = percent(random) < 10 ? 0.0F : share(random);
   }
   return cells;
@@ -89,9 +75,9 @@ Cells wavy_wall(std::uint32_t seed) {
 // What the kernel computes, a cell at a time and in double precision.
 class PlainSums {
  public:
-  PlainSums(const Cells& from, const Cells& to, const RigidTransform& T,
+  PlainSums(const SurfaceGrid& from, const SurfaceGrid& to, const RigidTransform& T,
             const kernels::Matching& matching)
-      : from_(from.grid), to_(to.grid), T_(T), matching_(matching) {
+      : from_(from), to_(to), T_(T), matching_(matching) {
     for (int y = 0; y < to_.height; y += matching.step) {
       for (int x = 0; x < to_.width; x += matching.step) add_cell(y * to_.width + x);
     }
@@ -167,19 +153,9 @@ class PlainSums {
   PinholeCamera camera_ = narrow_camera();
 };
 
-AlignmentSums vector_sums(const Cells& from, const Cells& to, const RigidTransform& T,
+AlignmentSums vector_sums(const SurfaceGrid& from, const SurfaceGrid& to, const RigidTransform& T,
                           const kernels::Matching& matching) {
-  const PinholeCamera camera = narrow_camera();
-  kernels::Motion motion;
-  for (int i = 0; i < 3; ++i) {
-    for (int k = 0; k < 3; ++k) motion.R[3 * i + k] = static_cast<float>(T.R(i, k));
-    motion.t[i] = static_cast<float>(T.t[i]);
-  }
-  const kernels::Pinhole pinhole{
-      static_cast<float>(camera.fx),        static_cast<float>(camera.fy),
-      static_cast<float>(camera.cx),        static_cast<float>(camera.cy),
-      static_cast<float>(camera.width - 1), static_cast<float>(camera.height - 1)};
-  return kernels::sum_partners(from.view(), to.view(), motion, pinhole, matching);
+  return kernels::sum_partners(from, to, narrow_camera(), T, matching);
 }
 
 // A cell whose point lies on an edge of what counts may fall to either side.
@@ -204,7 +180,7 @@ void expect_same(const AlignmentSums& sums, const PlainSums& plain) {
 }
 
 TEST(AlignmentKernels, AddUpAsAPlainLoopDoes) {
-  const Cells from = wavy_wall(1), to = wavy_wall(2);
+  const SurfaceGrid from = wavy_wall(1), to = wavy_wall(2);
   const RigidTransform T(so3_exp({0.01, -0.02, 0.005}), {0.01, -0.015, 0.02});
   on_every_target([&] {
     for (const int step : {1, 2, 3}) {
@@ -220,9 +196,9 @@ TEST(AlignmentKernels, AddUpAsAPlainLoopDoes) {
 }
 
 TEST(AlignmentKernels, TrustEveryCellWithoutWeights) {
-  Cells from = wavy_wall(3);
-  from.grid.trust.release();
-  const Cells to = wavy_wall(4);
+  SurfaceGrid from = wavy_wall(3);
+  from.trust.release();
+  const SurfaceGrid to = wavy_wall(4);
   const kernels::Matching matching{0.12F, 0.0F, 0.7F, 25.0F, 1};
   const PlainSums plain(from, to, RigidTransform(), matching);
   on_every_target([&] { expect_same(vector_sums(from, to, RigidTransform(), matching), plain); });
@@ -230,7 +206,7 @@ TEST(AlignmentKernels, TrustEveryCellWithoutWeights) {
 }
 
 TEST(AlignmentKernels, MeetNothingBehindTheCameraOrBesideTheImage) {
-  const Cells from = wavy_wall(5), to = wavy_wall(6);
+  const SurfaceGrid from = wavy_wall(5), to = wavy_wall(6);
   const kernels::Matching matching{0.3F, 6.0F, 0.7F, 25.0F, 1};
   const RigidTransform behind(Eigen::Matrix3d::Identity(), {0.0, 0.0, -10.0});
   const RigidTransform beside(Eigen::Matrix3d::Identity(), {100.0, 0.0, 0.0});
