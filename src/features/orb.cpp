@@ -409,6 +409,12 @@ void OrbExtractor::describe(GrayView image, Span<const cv::KeyPoint> keypoints,
   }
 }
 
+GrayView OrbExtractor::level(int octave) const {
+  if (octave < 0 || static_cast<std::size_t>(octave) >= impl_->levels.size()) return {};
+  const detail::PixelBlock view = impl_->levels[static_cast<std::size_t>(octave)].image.view();
+  return {view.data, view.width, view.height, view.stride};
+}
+
 const std::vector<float>& OrbExtractor::scale_factors() const { return impl_->scales; }
 const std::vector<int>& OrbExtractor::features_per_level() const { return impl_->shares; }
 const OrbOptions& OrbExtractor::options() const { return impl_->options; }

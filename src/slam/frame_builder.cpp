@@ -114,6 +114,11 @@ FrameFeaturesPtr FrameBuilder::build(const FrameInput& frame, const KnownMovers&
   return features;
 }
 
+void FrameBuilder::view_levels(std::vector<GrayView>& levels) const {
+  levels.clear();
+  for (int i = 0; i < extractor_.options().levels; ++i) levels.push_back(extractor_.level(i));
+}
+
 void FrameBuilder::copy_depth(const FrameInput& frame, TrackedFrame& copy) const {
   const bool deep = sensor_ == Sensor::kRgbd && !frame.depth.empty();
   if (geometry_ && deep && !frame.mask.empty()) {

@@ -91,7 +91,11 @@ void MapBundle::add_observations(const Map& map, const std::vector<float>& scale
       observation.u = keypoint.pt.x;
       observation.v = keypoint.pt.y;
       observation.right_column = features.right_columns[o.feature];
-      observation.inverse_sigma = 1.0F / scale_factors[static_cast<std::size_t>(keypoint.octave)];
+      // The look is its keyframe's own, whatever a corner was found by.
+      const bool exact = features.is_aligned(o.feature) ||
+                         (point.look != nullptr && point.look->keyframe == o.keyframe);
+      observation.inverse_sigma = (exact ? kAlignedExactness : 1.0F) /
+                                  scale_factors[static_cast<std::size_t>(keypoint.octave)];
       observation.weight = point.static_weight;
       observations_.push_back(observation);
     }

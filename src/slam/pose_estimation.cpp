@@ -35,7 +35,8 @@ factors::PoseResult PoseEstimation::solve(const std::vector<PointMatch>& matches
     points_.push_back(match.position);
     pixels_.emplace_back(keypoint.pt.x, keypoint.pt.y);
     right_columns_.push_back(features.right_columns[match.feature]);
-    inverse_sigma_.push_back(certainty *
+    const float exactness = features.is_aligned(match.feature) ? kAlignedExactness : 1.0F;
+    inverse_sigma_.push_back(exactness * certainty *
                              inverse_sigma_of_octave_[static_cast<std::size_t>(keypoint.octave)]);
     weights_.push_back(match.weight);
   }

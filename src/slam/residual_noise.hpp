@@ -10,6 +10,9 @@
 
 namespace dynslam::slam {
 
+/// How many times as exact a key point is that was aligned with its point's look.
+constexpr float kAlignedExactness = 2.0F;
+
 /// Collects reprojection errors; their median tells the noise, whatever a few of them are.
 class ResidualNoise {
  public:

@@ -93,7 +93,8 @@ Tracker::Tracker(const DepthCamera& camera, const SystemOptions& options,
       learns_(!options.localize_only),
       metric_(options.sensor != Sensor::kMono),
       scale_factors_(scale_factors),
-      pose_(camera, scale_factors, options.weights) {}
+      pose_(camera, scale_factors, options.weights),
+      aligner_(camera, scale_factors) {}
 
 float Tracker::initial_weight(float remembered, float geometric) const {
   if (!weighted_) return 1.0F;
@@ -283,7 +284,11 @@ int Tracker::track_local_map(Map& map, KeyframeId reference, TrackedFrame& frame
   if (static_cast<int>(matches_.size()) < options_.min_inliers && !prior_) return 0;
   if (geometry_) prefer_proven(frame.T_cam_world);
   if (wide) motion_.forget_prediction();
-  const int inliers = optimize_as_expected(frame);
+  const std::optional<factors::PosePrior> expected = expected_motion();
+  int inliers = optimize_as_expected(frame, expected);
+  if (inliers >= options_.min_inliers && align_keypoints(map, frame)) {
+    inliers = optimize_as_expected(frame, expected);
+  }
   if (inliers >= options_.min_inliers) {
     pose_.learn_noise(frame.T_cam_world);
     remember_motion(frame);
@@ -299,11 +304,16 @@ int Tracker::track_local_map(Map& map, KeyframeId reference, TrackedFrame& frame
   return inliers;
 }
 
+bool Tracker::align_keypoints(const Map& map, TrackedFrame& frame) {
+  const ScopedTimer timer(times_.match);
+  return aligner_.align(map, matches_, predictions_.ids, frame) > 0;
+}
+
 // What is expected may have followed a mover. It is let go of if it makes outliers of most that the
 // features say, and twice as much agrees without it.
-int Tracker::optimize_as_expected(TrackedFrame& frame) {
+int Tracker::optimize_as_expected(TrackedFrame& frame,
+                                  const std::optional<factors::PosePrior>& expected) {
   const RigidTransform start = frame.T_cam_world;
-  const std::optional<factors::PosePrior> expected = expected_motion();
   const int inliers = optimize(frame, predictions_.ids, expected);
   if (!geometry_ || !expected) return inliers;
   const double agreed = agreeing_weight();

@@ -17,6 +17,7 @@
 #include "depth_alignment.hpp"
 #include "local_map.hpp"
 #include "motion_filter.hpp"
+#include "point_looks.hpp"
 #include "pose_estimation.hpp"
 #include "tracked_frame.hpp"
 
@@ -151,7 +152,10 @@ class Tracker {
   int optimize(TrackedFrame& frame, const std::vector<PointId>& ids,
                const std::optional<factors::PosePrior>& prior);
   /// The same with what is expected of the pose, unless features contradict that.
-  int optimize_as_expected(TrackedFrame& frame);
+  int optimize_as_expected(TrackedFrame& frame, const std::optional<factors::PosePrior>& expected);
+  /// Moves the key points of `matches_` to where their points look as they do in the map; true if
+  /// that moved any.
+  bool align_keypoints(const Map& map, TrackedFrame& frame);
   double agreeing_weight() const;
   /// What the motion so far and the alignment of surfaces say of the pose together.
   std::optional<factors::PosePrior> expected_motion();
@@ -163,6 +167,7 @@ class Tracker {
   bool weighted_, geometry_, reject_matches_, learns_, metric_;
   std::vector<float> scale_factors_;
   PoseEstimation pose_;
+  KeypointAligner aligner_;
   LocalMap local_map_;
   RigidTransform velocity_;                  // T_cam_last, by aligned surfaces where there are any
   RigidTransform predicted_;                 // the same by the motion so far alone

@@ -448,6 +448,7 @@ void TrackingSession::step(FrameResult& result) {
   result.loops = told_loops_ = backend_.closures().size();
   told_ = located ? std::optional(current_.T_cam_world) : std::nullopt;
   if (state_ == TrackingState::kLost) restart_if_hopeless();
+  current_.levels.clear();
   std::swap(last_, current_);
 }
 
@@ -468,6 +469,7 @@ FrameResult TrackingSession::track(const FrameInput& frame) {
       if (movers_found_ && just_now) before = {movers_.mask(), movers_.masked_share()};
       current_.reset(builder_.build(frame, before), frame.timestamp);
       builder_.copy_depth(frame, current_);
+      builder_.view_levels(current_.levels);
       builder_.swap_gray(current_.gray);
       current_.gray_cells = builder_.gray_cells().clone();
     }

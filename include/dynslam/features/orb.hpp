@@ -146,6 +146,10 @@ class OrbExtractor {
   /// search.
   void describe(GrayView image, Span<const cv::KeyPoint> keypoints, cv::Mat& descriptors);
 
+  /// A level of the pyramid of the last image, for what is done with its key points; empty if that
+  /// image was too small for it. Valid until the next call of another member.
+  GrayView level(int octave) const;
+
   /// Side of a pixel of each level in level-0 pixels; `levels` entries, the first 1.
   const std::vector<float>& scale_factors() const;
 
