@@ -11,7 +11,7 @@ namespace {
 
 constexpr std::size_t kFewest = 30;  // errors whose median says something
 constexpr double kInflation = 2.5;
-constexpr double kLeastNoise = 0.3;  // pixels of a level
+constexpr double kLeastNoise = 0.15;  // pixels of a level
 
 }  // namespace
 

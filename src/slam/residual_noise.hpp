@@ -1,6 +1,7 @@
 // Noise of key points, told by what is left of their reprojection errors.
 #pragma once
 
+#include <algorithm>
 #include <cstddef>
 #include <vector>
 
@@ -9,9 +10,6 @@
 #include "dynslam/core/camera.hpp"
 
 namespace dynslam::slam {
-
-/// How many times as exact a key point is that was aligned with its point's look.
-constexpr float kAlignedExactness = 2.0F;
 
 /// Collects reprojection errors; their median tells the noise, whatever a few of them are.
 class ResidualNoise {
@@ -28,11 +26,22 @@ class ResidualNoise {
   double standard_deviation();
 
   /// What errors are to be weighed by: 2.5 times that, as errors of the map, which are the same in
-  /// every frame, show but little; 0.3 pixels at least, one at most, and one where it is unknown.
+  /// every frame, show but little; 0.15 pixels at least, one at most, and one where it is unknown.
   double noise_to_weigh_by();
 
  private:
   std::vector<double> squared_;
 };
+
+/// Noise by which key points are weighed, pixels of a level: where a corner was found, and aligned
+/// with its point's look.
+struct KeypointNoise {
+  double found = 1.0, aligned = 1.0;
+  double of(bool is_aligned) const { return is_aligned ? aligned : found; }
+};
+
+/// Of all together as they are `seen`: the best are as exact as most are, but no corner is found
+/// more exactly than to half a pixel, as seldom as that shows.
+inline KeypointNoise keypoint_noise(double seen) { return {std::max(seen, 0.5), seen}; }
 
 }  // namespace dynslam::slam

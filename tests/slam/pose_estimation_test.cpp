@@ -117,7 +117,7 @@ double noise_to_weigh_by(double deviation) {
 
 TEST(ResidualNoise, LeavesRoomForErrorsThatDoNotShowButKnowsBounds) {
   EXPECT_NEAR(noise_to_weigh_by(0.2), 0.5, 0.03);
-  EXPECT_EQ(noise_to_weigh_by(0.01), 0.3);
+  EXPECT_EQ(noise_to_weigh_by(0.01), 0.15);
   EXPECT_EQ(noise_to_weigh_by(2.0), 1.0);
   EXPECT_EQ(ResidualNoise().noise_to_weigh_by(), 1.0) << "nothing is known";
 }
