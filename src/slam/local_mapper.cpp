@@ -50,7 +50,8 @@ KeyframeId LocalMapper::insert(TrackedFrame& frame, std::size_t frame_index) {
     if (MapPoint* known = map.find_point(frame.points[i])) {
       if (map.add_observation(frame.points[i], {id, i})) {
         map.refresh_point(frame.points[i], scale_factors_);
-        if (known->look == nullptr) known->look = look_of(frame, i, known->position, id);
+        if (known->look == nullptr)
+          known->look = point_look(frame, i, known->position, scale_factors_);
       }
       continue;
     }
@@ -61,7 +62,7 @@ KeyframeId LocalMapper::insert(TrackedFrame& frame, std::size_t frame_index) {
     point.color = features.colors[i];
     // A point must prove itself: what looks static now may only have paused.
     if (options_.geometry) point.static_weight = std::min(kNewWeight, frame.staticness[i]);
-    point.look = look_of(frame, i, point.position, id);
+    point.look = point_look(frame, i, point.position, scale_factors_);
     frame.points[i] = map.add_point(std::move(point));
     frame.rejected[i] = 0;
     map.add_observation(frame.points[i], {id, i});
@@ -69,15 +70,6 @@ KeyframeId LocalMapper::insert(TrackedFrame& frame, std::size_t frame_index) {
     young_points_.push_back(frame.points[i]);
   }
   return id;
-}
-
-std::shared_ptr<const PointLook> LocalMapper::look_of(const TrackedFrame& frame,
-                                                      std::size_t feature,
-                                                      const Eigen::Vector3d& position,
-                                                      KeyframeId keyframe) const {
-  auto look = point_look(frame, feature, position, scale_factors_);
-  if (look != nullptr) look->keyframe = keyframe;
-  return look;
 }
 
 KeyframeId LocalMapper::insert_start(const MonoStart& start, TrackedFrame& second,

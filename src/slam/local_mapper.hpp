@@ -3,7 +3,6 @@
 
 #include <atomic>
 #include <cstddef>
-#include <memory>
 #include <vector>
 
 #include "dynslam/core/camera.hpp"
@@ -41,10 +40,6 @@ class LocalMapper {
   void refine(KeyframeId keyframe, bool with_bundle, const std::atomic<bool>& stop);
 
  private:
-  /// How `feature` of a frame that becomes a keyframe shows its point.
-  std::shared_ptr<const PointLook> look_of(const TrackedFrame& frame, std::size_t feature,
-                                           const Eigen::Vector3d& position,
-                                           KeyframeId keyframe) const;
   void drop_bad_points();
   void drop_unproven_points(KeyframeId keyframe);
   bool is_rarely_found(const MapPoint& point) const;

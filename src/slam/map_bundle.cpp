@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "map_correction.hpp"
+#include "residual_noise.hpp"
 
 namespace dynslam::slam {
 namespace {
@@ -93,32 +94,23 @@ void MapBundle::add_observations(const Map& map, const std::vector<float>& scale
       observation.inverse_sigma = 1.0F / scale_factors[static_cast<std::size_t>(keypoint.octave)];
       observation.weight = point.static_weight;
       observations_.push_back(observation);
-      // A look is where its own keyframe has it.
-      const bool is_look = point.look != nullptr && point.look->keyframe == o.keyframe;
-      aligned_.push_back(is_look || features.is_aligned(o.feature) ? 1 : 0);
     }
     positions_.push_back(point.position);
   }
 }
 
 // In pixels of a level, before anything is moved.
-KeypointNoise MapBundle::noise(const PinholeCamera& camera) const {
+double MapBundle::noise(const PinholeCamera& camera) const {
   ResidualNoise residuals;
   for (const factors::BundleObservation& o : observations_) {
     residuals.add(camera, poses_[o.keyframe] * positions_[o.point], {o.u, o.v}, o.inverse_sigma);
   }
-  return keypoint_noise(residuals.noise_to_weigh_by());
+  return residuals.noise_to_weigh_by();
 }
 
 bool MapBundle::solve(const DepthCamera& camera, factors::BundleWorkspace& workspace,
                       const std::atomic<bool>& stop) {
   inliers_.assign(observations_.size(), 0);
-  const KeypointNoise seen = noise(camera);
-  for (std::size_t i = 0; i < observations_.size(); ++i) {
-    if (aligned_[i] != 0) {
-      observations_[i].inverse_sigma *= static_cast<float>(seen.found / seen.aligned);
-    }
-  }
   factors::BundleProblem problem;
   problem.camera = camera;
   problem.T_cam_world = poses_;
@@ -127,7 +119,7 @@ bool MapBundle::solve(const DepthCamera& camera, factors::BundleWorkspace& works
   problem.observations = observations_;
   problem.inliers = inliers_;
   factors::BundleOptions options;
-  options.loss.scale *= seen.found;  // what is far beyond the noise is an error, not noise
+  options.loss.scale *= noise(camera);  // what is far beyond the noise is an error, not noise
   options.abort = &stop;
   return factors::usable(factors::optimize_bundle(problem, options, &workspace).status);
 }

@@ -13,7 +13,6 @@
 #include "dynslam/factors/bundle_adjustment.hpp"
 #include "dynslam/slam/map.hpp"
 
-#include "residual_noise.hpp"
 #include "shared_map.hpp"
 
 namespace dynslam::slam {
@@ -49,7 +48,7 @@ class MapBundle {
   void add_poses(const Map& map);
   void add_observations(const Map& map, const std::vector<float>& scale_factors);
   void write_points(Map& map) const;
-  KeypointNoise noise(const PinholeCamera& camera) const;
+  double noise(const PinholeCamera& camera) const;
 
   std::vector<KeyframeId> keyframes_;  // the free ones first
   std::size_t free_count_ = 0;
@@ -59,7 +58,6 @@ class MapBundle {
   std::vector<std::uint8_t> fixed_;
   std::vector<Eigen::Vector3d> positions_;
   std::vector<factors::BundleObservation> observations_;
-  std::vector<std::uint8_t> aligned_;  // by observation
   std::vector<std::uint8_t> inliers_;
 };
 

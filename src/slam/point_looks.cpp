@@ -37,9 +37,9 @@ std::optional<Eigen::Matrix2f> warp_to(const PointLook& look, const PinholeCamer
 
 }  // namespace
 
-std::shared_ptr<PointLook> point_look(const TrackedFrame& frame, std::size_t feature,
-                                      const Eigen::Vector3d& position,
-                                      const std::vector<float>& scale_factors) {
+std::shared_ptr<const PointLook> point_look(const TrackedFrame& frame, std::size_t feature,
+                                            const Eigen::Vector3d& position,
+                                            const std::vector<float>& scale_factors) {
   if (frame.levels.empty()) return nullptr;
   const cv::KeyPoint& keypoint = frame.features->keypoints[feature];
   const auto octave = static_cast<std::size_t>(keypoint.octave);
@@ -77,7 +77,6 @@ int KeypointAligner::align(const Map& map, const std::vector<PointMatch>& matche
                            const std::vector<PointId>& ids, TrackedFrame& frame) const {
   if (frame.levels.empty()) return 0;
   auto features = std::make_shared<FrameFeatures>(*frame.features);
-  features->aligned.assign(features->size(), 0);
   int aligned = 0;
   for (const PointMatch& match : matches) {
     const MapPoint* point = map.find_point(ids[match.source]);
@@ -85,7 +84,6 @@ int KeypointAligner::align(const Map& map, const std::vector<PointMatch>& matche
     const float column = keypoint.pt.x;
     if (point == nullptr || !align_one(*point, frame, keypoint)) continue;
     features->right_columns[match.feature] += keypoint.pt.x - column;  // the disparity is the same
-    features->aligned[match.feature] = 1;
     ++aligned;
   }
   if (aligned > 0) frame.features = std::move(features);

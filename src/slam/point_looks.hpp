@@ -15,11 +15,11 @@
 
 namespace dynslam::slam {
 
-/// The look of a feature's point at `position`, of a keyframe still to be named. Null if the frame
-/// has no pyramid any more, or the feature lies too near to a border. O(1).
-std::shared_ptr<PointLook> point_look(const TrackedFrame& frame, std::size_t feature,
-                                      const Eigen::Vector3d& position,
-                                      const std::vector<float>& scale_factors);
+/// How a feature of a frame shows its point at `position`. Null if the frame has no pyramid any
+/// more, or the feature lies too near to a border. O(1).
+std::shared_ptr<const PointLook> point_look(const TrackedFrame& frame, std::size_t feature,
+                                            const Eigen::Vector3d& position,
+                                            const std::vector<float>& scale_factors);
 
 /// Moves key points to where their points look as they do in the map.
 ///

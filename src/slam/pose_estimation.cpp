@@ -24,10 +24,10 @@ factors::PoseResult PoseEstimation::solve(const std::vector<PointMatch>& matches
                                           const FrameFeatures& features,
                                           const RigidTransform& initial,
                                           const factors::PosePrior* prior) {
+  const auto certainty = static_cast<float>(1.0 / noise_);
   points_.clear();
   pixels_.clear();
   right_columns_.clear();
-  aligned_.clear();
   inverse_sigma_.clear();
   weights_.clear();
   for (const PointMatch& match : matches) {
@@ -35,10 +35,8 @@ factors::PoseResult PoseEstimation::solve(const std::vector<PointMatch>& matches
     points_.push_back(match.position);
     pixels_.emplace_back(keypoint.pt.x, keypoint.pt.y);
     right_columns_.push_back(features.right_columns[match.feature]);
-    aligned_.push_back(features.is_aligned(match.feature) ? 1 : 0);
-    const auto noise = static_cast<float>(noise_.of(aligned_.back() != 0));
-    inverse_sigma_.push_back(inverse_sigma_of_octave_[static_cast<std::size_t>(keypoint.octave)] /
-                             noise);
+    inverse_sigma_.push_back(certainty *
+                             inverse_sigma_of_octave_[static_cast<std::size_t>(keypoint.octave)]);
     weights_.push_back(match.weight);
   }
   const factors::PoseObservations<float> observations = {as_points<double>(points_),
@@ -55,13 +53,12 @@ void PoseEstimation::learn_noise(const RigidTransform& T_cam_world) {
   for (std::size_t i = 0; i < points_.size(); ++i) {
     if (inliers()[i] == 0) continue;
     residuals_.add(camera_, T_cam_world * points_[i], pixels_[i].cast<double>(),
-                   noise_.of(aligned_[i] != 0) * static_cast<double>(inverse_sigma_[i]));
+                   noise_ * inverse_sigma_[i]);
   }
-  seen_noise_ = kMomentum * seen_noise_ + (1.0 - kMomentum) * residuals_.noise_to_weigh_by();
-  noise_ = keypoint_noise(seen_noise_);
+  noise_ = kMomentum * noise_ + (1.0 - kMomentum) * residuals_.noise_to_weigh_by();
   factors::PoseOptimizerOptions scaled = options_;
-  scaled.chi2_mono /= noise_.found * noise_.found;
-  scaled.chi2_depth /= noise_.found * noise_.found;
+  scaled.chi2_mono /= noise_ * noise_;
+  scaled.chi2_depth /= noise_ * noise_;
   optimizer_.set_options(scaled);
 }
 

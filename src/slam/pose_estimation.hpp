@@ -49,11 +49,9 @@ class PoseEstimation {
   factors::PoseOptimizerOptions options_;
   factors::PoseOptimizer optimizer_;
   ResidualNoise residuals_;
-  double seen_noise_ = 1.0;  // pixels of a level
-  KeypointNoise noise_;
+  double noise_ = 1.0;  // pixels of a level
   std::vector<Eigen::Vector3d> points_;
   std::vector<Eigen::Vector2f> pixels_;
-  std::vector<std::uint8_t> aligned_;
   std::vector<float> right_columns_, inverse_sigma_, weights_;
 };
 

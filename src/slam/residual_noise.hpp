@@ -1,7 +1,6 @@
 // Noise of key points, told by what is left of their reprojection errors.
 #pragma once
 
-#include <algorithm>
 #include <cstddef>
 #include <vector>
 
@@ -32,16 +31,5 @@ class ResidualNoise {
  private:
   std::vector<double> squared_;
 };
-
-/// Noise by which key points are weighed, pixels of a level: where a corner was found, and aligned
-/// with its point's look.
-struct KeypointNoise {
-  double found = 1.0, aligned = 1.0;
-  double of(bool is_aligned) const { return is_aligned ? aligned : found; }
-};
-
-/// Of all together as they are `seen`: the best are as exact as most are, but no corner is found
-/// more exactly than to half a pixel, as seldom as that shows.
-inline KeypointNoise keypoint_noise(double seen) { return {std::max(seen, 0.5), seen}; }
 
 }  // namespace dynslam::slam

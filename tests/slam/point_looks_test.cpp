@@ -44,19 +44,14 @@ class PointLooks : public ::testing::Test {
   }
 
   void make_points(const TrackedFrame& frame) {
-    Keyframe keyframe;
-    keyframe.features = frame.features;
-    keyframe_ = map_.add_keyframe(std::move(keyframe));
     const cv::Mat depth = rendered_->exact_depth(kFirst);
     for (std::size_t i = 0; i < frame.features->size(); ++i) {
       const cv::Point2f pt = frame.features->keypoints[i].pt;
       const auto z = static_cast<double>(depth.at<float>(cvRound(pt.y), cvRound(pt.x)));
       MapPoint point;
       point.position = frame.T_cam_world.inverse() * camera_.unproject({pt.x, pt.y}, z);
-      auto look = point_look(frame, i, point.position, builder_->scale_factors());
-      ASSERT_NE(look, nullptr);
-      look->keyframe = keyframe_;
-      point.look = look;
+      point.look = point_look(frame, i, point.position, builder_->scale_factors());
+      ASSERT_NE(point.look, nullptr);
       ids_.push_back(map_.add_point(std::move(point)));
     }
   }
@@ -112,7 +107,6 @@ class PointLooks : public ::testing::Test {
   DepthCamera camera_;
   std::unique_ptr<FrameBuilder> builder_;
   Map map_;
-  KeyframeId keyframe_ = kNoId;
   std::vector<PointId> ids_;
   TrackedFrame second_;
   std::vector<PointMatch> matches_;

@@ -32,14 +32,10 @@ struct FrameFeatures {
   std::vector<float> depths;            ///< N, metres; 0 where there is none to build on
   std::vector<float> right_columns;     ///< N, u - bf / z; NaN where that is unknown
   std::vector<cv::Vec3b> colors;        ///< N, BGR
-  /// N or empty: 1 = the key point lies where its map point's look fits best (slam::PointLook), not
-  /// where the corner was found.
-  std::vector<std::uint8_t> aligned = {};
-  features::KeypointGrid grid;  ///< over the key points as they were found
-  float masked_share = 0.0F;    ///< share of the image under the mask, 0..1
+  features::KeypointGrid grid;          ///< over the key points as they were found
+  float masked_share = 0.0F;            ///< share of the image under the mask, 0..1
 
   std::size_t size() const { return keypoints.size(); }
-  bool is_aligned(std::size_t i) const { return !aligned.empty() && aligned[i] != 0; }
   const std::uint8_t* descriptor(std::size_t i) const {
     return descriptors.ptr<std::uint8_t>(static_cast<int>(i));
   }

@@ -44,9 +44,8 @@ struct Observation {
 /// How a point looks to one keyframe. Frames find it by that to a tenth of a pixel, where corners
 /// are found to a third.
 struct PointLook {
-  KeyframeId keyframe = kNoId;  ///< may be gone
-  features::Patch patch;        ///< of the level on which the feature was found
-  float scale = 1.0F;           ///< side of a pixel of that level, level-0 pixels
+  features::Patch patch;  ///< of the level on which the feature was found
+  float scale = 1.0F;     ///< side of a pixel of that level, level-0 pixels
   Eigen::Matrix3d R_cam_world = Eigen::Matrix3d::Identity();  ///< of the keyframe, when it was made
   Eigen::Vector3d camera_point_world = Eigen::Vector3d::Zero();  ///< from its camera to the point
 };
