@@ -32,12 +32,52 @@ HWY_INLINE V load_pixels(D d, const std::uint8_t* pixels) {
   return hn::ConvertTo(d, hn::PromoteTo(di, hn::LoadU(du, pixels)));
 }
 
+void subtract_mean(float* values) {
+  const D d;
+  constexpr int kPixels = kWindow * kWindow;
+  V sum = hn::Zero(d);
+  for (int i = 0; i < kPixels; i += static_cast<int>(hn::Lanes(d))) {
+    sum = hn::Add(sum, hn::LoadU(d, values + i));
+  }
+  const V mean = hn::Set(d, total(d, sum) / static_cast<float>(kPixels));
+  for (int i = 0; i < kPixels; i += static_cast<int>(hn::Lanes(d))) {
+    hn::StoreU(hn::Sub(hn::LoadU(d, values + i), mean), d, values + i);
+  }
+}
+
+TemplateSums make_template(const RimmedWindow& rimmed, WindowTemplate& window) {
+  const D d;
+  const V half = hn::Set(d, 0.5F);
+  for (int v = 0; v < kWindow; ++v) {
+    const float* row = rimmed.gray + (v + 1) * kRimmed + 1;
+    for (int u = 0; u < kWindow; u += static_cast<int>(hn::Lanes(d))) {
+      const int at = v * kWindow + u;
+      const auto beside = [&](int offset) HWY_ATTR { return hn::LoadU(d, row + u + offset); };
+      hn::StoreU(beside(0), d, window.gray + at);
+      hn::StoreU(hn::Mul(half, hn::Sub(beside(1), beside(-1))), d, window.slope_x + at);
+      hn::StoreU(hn::Mul(half, hn::Sub(beside(kRimmed), beside(-kRimmed))), d, window.slope_y + at);
+    }
+  }
+  // Without their means neither brightness nor what is left of it enters the sums.
+  subtract_mean(window.gray);
+  subtract_mean(window.slope_x);
+  subtract_mean(window.slope_y);
+  V xx = hn::Zero(d), xy = xx, xg = xx, yy = xx, yg = xx, gg = xx;
+  for (int i = 0; i < kWindow * kWindow; i += static_cast<int>(hn::Lanes(d))) {
+    const V x = hn::LoadU(d, window.slope_x + i), y = hn::LoadU(d, window.slope_y + i);
+    const V g = hn::LoadU(d, window.gray + i);
+    xx = hn::MulAdd(x, x, xx), xy = hn::MulAdd(x, y, xy), xg = hn::MulAdd(x, g, xg);
+    yy = hn::MulAdd(y, y, yy), yg = hn::MulAdd(y, g, yg), gg = hn::MulAdd(g, g, gg);
+  }
+  return {total(d, xx), total(d, xy), total(d, xg), total(d, yy), total(d, yg), total(d, gg)};
+}
+
 WindowSums compare(const WindowTemplate& window, const std::uint8_t* corner, std::ptrdiff_t stride,
                    float a, float b) {
   const D d;
   const V w11 = hn::Set(d, a * b), w10 = hn::Set(d, (1.0F - a) * b);
   const V w01 = hn::Set(d, a * (1.0F - b)), w00 = hn::Set(d, (1.0F - a) * (1.0F - b));
-  V r1 = hn::Zero(d), rr = hn::Zero(d), rx = hn::Zero(d), ry = hn::Zero(d), rt = hn::Zero(d);
+  V r1 = hn::Zero(d), rr = hn::Zero(d), rx = hn::Zero(d), ry = hn::Zero(d), rg = hn::Zero(d);
   for (int v = 0; v < kWindow; ++v) {
     const std::uint8_t* upper = corner + v * stride;
     const std::uint8_t* lower = upper + stride;
@@ -53,10 +93,10 @@ WindowSums compare(const WindowTemplate& window, const std::uint8_t* corner, std
       rr = hn::MulAdd(r, r, rr);
       rx = hn::MulAdd(r, hn::LoadU(d, window.slope_x + at), rx);
       ry = hn::MulAdd(r, hn::LoadU(d, window.slope_y + at), ry);
-      rt = hn::MulAdd(r, t, rt);
+      rg = hn::MulAdd(r, t, rg);
     }
   }
-  return {total(d, r1), total(d, rr), total(d, rx), total(d, ry), total(d, rt)};
+  return {total(d, r1), total(d, rr), total(d, rx), total(d, ry), total(d, rg)};
 }
 
 }  // namespace
@@ -68,6 +108,11 @@ namespace dynslam::features {
 namespace detail {
 
 HWY_EXPORT(compare);
+HWY_EXPORT(make_template);
+
+TemplateSums make_template(const RimmedWindow& rimmed, WindowTemplate& window) {
+  return HWY_DYNAMIC_DISPATCH(make_template)(rimmed, window);
+}
 
 WindowSums compare(const WindowTemplate& window, const std::uint8_t* corner, std::ptrdiff_t stride,
                    float a, float b) {
@@ -79,68 +124,44 @@ WindowSums compare(const WindowTemplate& window, const std::uint8_t* corner, std
 namespace {
 
 using detail::kWindow;
+using detail::RimmedWindow;
 using detail::WindowTemplate;
 
 constexpr int kPixels = kWindow * kWindow;
 constexpr float kMiddle = 0.5F * static_cast<float>(kWindow - 1);  // of the window, its pixels
+constexpr float kMargin = 0.01F;                                   // pixels of a patch
 constexpr float kSettled = 0.02F;  // pixels: a shorter step is the last
 
-/// The patch as the level should show it, with a rim of one pixel for the slopes.
-constexpr int kRimmed = kWindow + 2;
-using Rimmed = std::array<float, kRimmed * kRimmed>;
-
-// False if the window leaves the patch.
-bool warp(const Patch& patch, const Eigen::Matrix2f& A, Rimmed& values) {
+// The patch as the level should show it; false if the window leaves the patch.
+bool warp(const Patch& patch, const Eigen::Matrix2f& A, RimmedWindow& window) {
   const float reach = kMiddle + 1.0F;
   const Eigen::Vector2f middle =
       patch.offset + Eigen::Vector2f::Constant(static_cast<float>(Patch::kRadius));
   const Eigen::Vector2f extent = reach * A.cwiseAbs().rowwise().sum();
   const float last = static_cast<float>(Patch::kSide - 1);
-  if (!((middle - extent).minCoeff() >= 0.0F && (middle + extent).maxCoeff() < last)) return false;
-  for (int v = 0; v < kRimmed; ++v) {
-    for (int u = 0; u < kRimmed; ++u) {
-      const Eigen::Vector2f at = middle + A * Eigen::Vector2f(static_cast<float>(u) - reach,
-                                                              static_cast<float>(v) - reach);
-      const int x = static_cast<int>(at.x()), y = static_cast<int>(at.y());
-      const float a = at.x() - static_cast<float>(x), b = at.y() - static_cast<float>(y);
-      const std::uint8_t* upper = patch.pixels.data() + y * Patch::kSide + x;
+  // Steps in fixed point may end a little beside.
+  const bool inside =
+      (middle - extent).minCoeff() > kMargin && (middle + extent).maxCoeff() < last - kMargin;
+  if (!inside) return false;
+  constexpr float kOne = 65536.0F;  // of places in fixed point
+  const auto fixed = [](float v) { return static_cast<std::int32_t>(v * kOne); };
+  const Eigen::Vector2f first = middle - reach * A.rowwise().sum();
+  const std::int32_t x0 = fixed(first.x()), y0 = fixed(first.y());
+  const std::int32_t xu = fixed(A(0, 0)), xv = fixed(A(0, 1));
+  const std::int32_t yu = fixed(A(1, 0)), yv = fixed(A(1, 1));
+  float* out = window.gray;
+  for (int v = 0; v < detail::kRimmed; ++v) {
+    std::int32_t x = x0 + v * xv, y = y0 + v * yv;
+    for (int u = 0; u < detail::kRimmed; ++u, x += xu, y += yu) {
+      const std::uint8_t* upper = patch.pixels.data() + (y >> 16) * Patch::kSide + (x >> 16);
       const std::uint8_t* lower = upper + Patch::kSide;
-      const float top = upper[0] + a * static_cast<float>(upper[1] - upper[0]);
-      const float bottom = lower[0] + a * static_cast<float>(lower[1] - lower[0]);
-      values[static_cast<std::size_t>(v * kRimmed + u)] = top + b * (bottom - top);
+      const std::int32_t a = (x & 0xFFFF) >> 8, b = (y & 0xFFFF) >> 8;  // of 256
+      const std::int32_t top = upper[0] * (256 - a) + upper[1] * a;
+      const std::int32_t bottom = lower[0] * (256 - a) + lower[1] * a;
+      *out++ = static_cast<float>(top * (256 - b) + bottom * b) * (1.0F / 65536.0F);
     }
   }
   return true;
-}
-
-void subtract_mean(float* values) {
-  float sum = 0.0F;
-  for (int i = 0; i < kPixels; ++i) sum += values[i];
-  for (int i = 0; i < kPixels; ++i) values[i] -= sum / static_cast<float>(kPixels);
-}
-
-// Without their means neither brightness nor what is left of it enters the sums.
-void fill(const Rimmed& values, WindowTemplate& window) {
-  for (int v = 0; v < kWindow; ++v) {
-    const float* row = values.data() + (v + 1) * kRimmed + 1;
-    for (int u = 0; u < kWindow; ++u) {
-      const int at = v * kWindow + u;
-      window.gray[at] = row[u];
-      window.slope_x[at] = 0.5F * (row[u + 1] - row[u - 1]);
-      window.slope_y[at] = 0.5F * (row[u + kRimmed] - row[u - kRimmed]);
-    }
-  }
-  subtract_mean(window.gray);
-  subtract_mean(window.slope_x);
-  subtract_mean(window.slope_y);
-}
-
-/// Normal equations of shift and contrast.
-Eigen::Matrix3f normal_matrix(const WindowTemplate& window) {
-  using Row = Eigen::Map<const Eigen::Matrix<float, 1, kPixels>>;
-  Eigen::Matrix<float, 3, kPixels> J;
-  J << Row(window.slope_x), Row(window.slope_y), Row(window.gray);
-  return J * J.transpose();
 }
 
 // The least of the slope in any direction, mean square, besides what contrast could explain.
@@ -174,11 +195,13 @@ std::optional<Patch> cut_patch(GrayView level, const Eigen::Vector2f& at) {
 
 PatchAlignment align_patch(const Patch& patch, const Eigen::Matrix2f& A_patch_level, GrayView level,
                            const Eigen::Vector2f& start, const PatchAlignmentOptions& options) {
-  Rimmed rimmed;
+  RimmedWindow rimmed;
   WindowTemplate window;
   if (!warp(patch, A_patch_level, rimmed)) return {PatchStatus::kDistorted, start};
-  fill(rimmed, window);
-  const Eigen::Matrix3f H = normal_matrix(window);
+  const detail::TemplateSums sums_of = detail::make_template(rimmed, window);
+  Eigen::Matrix3f H;
+  H << sums_of.xx, sums_of.xy, sums_of.xg, sums_of.xy, sums_of.yy, sums_of.yg, sums_of.xg,
+      sums_of.yg, sums_of.gg;
   if (!(least_slope(H) >= options.min_gradient * options.min_gradient)) {
     return {PatchStatus::kFlat, start};
   }
@@ -194,7 +217,7 @@ PatchAlignment align_patch(const Patch& patch, const Eigen::Matrix2f& A_patch_le
     const detail::WindowSums sums =
         detail::compare(window, level.row(y) + x, level.stride_bytes,
                         corner.x() - static_cast<float>(x), corner.y() - static_cast<float>(y));
-    const Eigen::Vector3f b(sums.rx, sums.ry, sums.rt);
+    const Eigen::Vector3f b(sums.rx, sums.ry, sums.rg);
     const Eigen::Vector3f step = inverse * b;
     at -= step.head<2>();
     if (!((at - start).squaredNorm() <= options.max_shift * options.max_shift)) {

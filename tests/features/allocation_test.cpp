@@ -6,6 +6,7 @@
 #include "dynslam/core/opencv.hpp"
 #include "dynslam/features/matcher.hpp"
 #include "dynslam/features/orb.hpp"
+#include "dynslam/features/patch_alignment.hpp"
 
 #include "allocation_counter.hpp"
 #include "features/support.hpp"
@@ -65,6 +66,18 @@ TEST_F(Allocations, OfASecondGridAndASecondWindowMatchAreNone) {
   match();
   EXPECT_EQ(matches.size(), frame.keypoints.size());
   EXPECT_EQ(allocations_of(match), 0);
+}
+
+TEST_F(Allocations, OfAligningAPatchAreNone) {
+  const Frame frame;
+  const GrayView image = as_view<const std::uint8_t>(frame.image);
+  const Eigen::Vector2f at(100.3F, 90.2F);
+  const auto align = [&] {
+    const auto patch = cut_patch(image, at);
+    if (patch) align_patch(*patch, Eigen::Matrix2f::Identity(), image, at);
+  };
+  align();  // chooses the instruction set
+  EXPECT_EQ(allocations_of(align), 0);
 }
 
 }  // namespace
