@@ -140,8 +140,8 @@ bool warp(const Patch& patch, const Eigen::Matrix2f& A, RimmedWindow& window) {
   const Eigen::Vector2f extent = reach * A.cwiseAbs().rowwise().sum();
   const float last = static_cast<float>(Patch::kSide - 1);
   // Steps in fixed point may end a little beside.
-  const bool inside =
-      (middle - extent).minCoeff() > kMargin && (middle + extent).maxCoeff() < last - kMargin;
+  const bool inside = ((middle - extent).array() > kMargin).all() &&
+                      ((middle + extent).array() < last - kMargin).all();
   if (!inside) return false;
   constexpr float kOne = 65536.0F;  // of places in fixed point
   const auto fixed = [](float v) { return static_cast<std::int32_t>(v * kOne); };
@@ -211,7 +211,7 @@ PatchAlignment align_patch(const Patch& patch, const Eigen::Matrix2f& A_patch_le
     const Eigen::Vector2f corner = at - Eigen::Vector2f::Constant(kMiddle);
     const float right = static_cast<float>(level.width - kWindow);
     const float below = static_cast<float>(level.height - kWindow);
-    const bool inside = corner.minCoeff() >= 0.0F && corner.x() < right && corner.y() < below;
+    const bool inside = (corner.array() >= 0.0F).all() && corner.x() < right && corner.y() < below;
     if (!inside) return {PatchStatus::kOutside, at};
     const int x = static_cast<int>(corner.x()), y = static_cast<int>(corner.y());
     const detail::WindowSums sums =

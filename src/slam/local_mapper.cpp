@@ -50,8 +50,9 @@ KeyframeId LocalMapper::insert(TrackedFrame& frame, std::size_t frame_index) {
     if (MapPoint* known = map.find_point(frame.points[i])) {
       if (map.add_observation(frame.points[i], {id, i})) {
         map.refresh_point(frame.points[i], scale_factors_);
-        if (known->look == nullptr)
+        if (known->look == nullptr) {
           known->look = point_look(frame, i, known->position, scale_factors_);
+        }
       }
       continue;
     }

@@ -147,10 +147,17 @@ TEST(AlignPatch, TellsWhyItFails) {
   };
   ASSERT_EQ(status(patch, same, image, place), PatchStatus::kAligned);
   EXPECT_EQ(status(patch, 2.0F * same, image, place), PatchStatus::kDistorted);
-  EXPECT_EQ(status(patch, testing::kNan * same, image, place), PatchStatus::kDistorted);
+  for (const float wrong : {testing::kNan, testing::kInfinity, -testing::kInfinity}) {
+    for (int i = 0; i < 4; ++i) {
+      Eigen::Matrix2f A = same;
+      A(i / 2, i % 2) = wrong;
+      EXPECT_EQ(status(patch, A, image, place), PatchStatus::kDistorted) << A;
+    }
+  }
   for (const Eigen::Vector2f& start :
        {Eigen::Vector2f(2.0F, 100.0F), Eigen::Vector2f(100.0F, 238.0F),
-        Eigen::Vector2f(testing::kNan, 100.0F), Eigen::Vector2f(-1e9F, 1e9F)}) {
+        Eigen::Vector2f(testing::kNan, 100.0F), Eigen::Vector2f(100.0F, testing::kNan),
+        Eigen::Vector2f(-1e9F, 1e9F)}) {
     EXPECT_EQ(status(patch, same, image, start), PatchStatus::kOutside) << start.transpose();
   }
   EXPECT_EQ(align_patch(patch, same, GrayView(), place).status, PatchStatus::kOutside);
