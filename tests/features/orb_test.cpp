@@ -1,7 +1,6 @@
 #include "dynslam/features/orb.hpp"
 
 #include <cmath>
-#include <cstring>
 #include <limits>
 #include <map>
 #include <set>
@@ -353,24 +352,6 @@ TEST(OrbExtractor, TakesTheLargestOptions) {
     options.levels = levels;
     EXPECT_GT(extract(image, mask, options).keypoints.size(), 50U);
   }
-}
-
-TEST(OrbExtractor, ShowsThePyramidOfTheLastImage) {
-  OrbExtractor extractor;
-  EXPECT_TRUE(extractor.level(0).empty());
-  const cv::Mat image = texture(320, 240);
-  std::vector<cv::KeyPoint> keypoints;
-  cv::Mat descriptors;
-  extractor.extract(as_view<const std::uint8_t>(image), {}, keypoints, descriptors);
-  const GrayView first = extractor.level(0);
-  ASSERT_EQ(first.width, 320);
-  ASSERT_EQ(first.height, 240);
-  for (int y = 0; y < 240; ++y) ASSERT_EQ(std::memcmp(first.row(y), image.ptr(y), 320), 0) << y;
-  const GrayView third = extractor.level(2);
-  EXPECT_EQ(third.width, 222);  // 320 / 1.44
-  EXPECT_EQ(third.height, 167);
-  EXPECT_TRUE(extractor.level(-1).empty());
-  EXPECT_TRUE(extractor.level(8).empty());
 }
 
 TEST(OrbExtractor, CanBeMoved) {

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <vector>
 
 #include <Eigen/Geometry>
@@ -73,6 +74,24 @@ Outcome align_all(const cv::Mat& image, const cv::Mat& seen, const Eigen::Matrix
 Eigen::Matrix2f turn(float degrees, float scale) {
   const float angle = degrees * static_cast<float>(CV_PI / 180.0);
   return scale * Eigen::Rotation2D<float>(angle).toRotationMatrix();
+}
+
+TEST(OrbExtractor, ShowsThePyramidOfTheLastImage) {
+  OrbExtractor extractor;
+  EXPECT_TRUE(extractor.level(0).empty());
+  const cv::Mat image = texture(320, 240);
+  std::vector<cv::KeyPoint> keypoints;
+  cv::Mat descriptors;
+  extractor.extract(gray(image), {}, keypoints, descriptors);
+  const GrayView first = extractor.level(0);
+  ASSERT_EQ(first.width, 320);
+  ASSERT_EQ(first.height, 240);
+  for (int y = 0; y < 240; ++y) ASSERT_EQ(std::memcmp(first.row(y), image.ptr(y), 320), 0) << y;
+  const GrayView third = extractor.level(2);
+  EXPECT_EQ(third.width, 222);  // 320 / 1.44
+  EXPECT_EQ(third.height, 167);
+  EXPECT_TRUE(extractor.level(-1).empty());
+  EXPECT_TRUE(extractor.level(8).empty());
 }
 
 TEST(CutPatch, HoldsThePixelsAboutAPlace) {
