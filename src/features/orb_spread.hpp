@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "dynslam/core/image_view.hpp"
+#include "dynslam/features/orb.hpp"
 
 #include "features/orb_kernels.hpp"
 
@@ -27,15 +28,14 @@ class MaskProbe {
   std::vector<std::int32_t> sums_;  // set pixels above and left of each pixel; with a margin only
 };
 
-/// Level-0 coordinate of what lies `offset` kSubpixel behind the centre of pixel `i` of a level:
-/// the pyramid keeps the centres of scaled pixels, (i + 1/2) scale = level-0 coordinate + 1/2.
+/// Level-0 coordinate of what lies `offset` kSubpixel behind the centre of pixel `i` of a level.
 inline float level0_coordinate(int i, int offset, float scale) {
-  return (static_cast<float>(i) + kSubpixel * static_cast<float>(offset) + 0.5F) * scale - 0.5F;
+  return from_level(static_cast<float>(i) + kSubpixel * static_cast<float>(offset), scale);
 }
 
 /// Pixel of a level that a level-0 coordinate falls into.
 inline int level_pixel(float level0, float scale) {
-  return static_cast<int>(std::lround((level0 + 0.5F) / scale - 0.5F));
+  return static_cast<int>(std::lround(to_level(level0, scale)));
 }
 
 /// Chooses among corners; keeps its scratch between calls.

@@ -116,6 +116,7 @@ FrameFeaturesPtr FrameBuilder::build(const FrameInput& frame, const KnownMovers&
 
 void FrameBuilder::view_levels(std::vector<GrayView>& levels) const {
   levels.clear();
+  if (sensor_ == Sensor::kMono) return;
   for (int i = 0; i < extractor_.options().levels; ++i) levels.push_back(extractor_.level(i));
 }
 

@@ -43,7 +43,8 @@ class FrameBuilder {
   /// The same at a quarter of its size.
   const cv::Mat& gray_cells() const { return gray_cells_; }
 
-  /// Sets the levels of the last image's pyramid; the views are valid until the next build().
+  /// Sets the levels of the last image's pyramid; the views are valid until the next build(). None
+  /// of a single camera's: points get their looks from a later keyframe than their places there.
   void view_levels(std::vector<GrayView>& levels) const;
 
   const std::vector<float>& scale_factors() const { return extractor_.scale_factors(); }

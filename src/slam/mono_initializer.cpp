@@ -28,7 +28,6 @@ MonoInitializer::MonoInitializer(const PinholeCamera& camera,
 void MonoInitializer::hold(const TrackedFrame& frame, std::size_t index) {
   holding_ = frame.features->size() >= kMinFeatures;
   start_.first = frame;
-  start_.first.levels.clear();  // are of the newest frame only
   start_.first_index = index;
   last_seen_.clear();
   for (const cv::KeyPoint& keypoint : frame.features->keypoints) last_seen_.push_back(keypoint.pt);

@@ -1,8 +1,9 @@
 #include "point_looks.hpp"
 
-#include <optional>
+#include <cstdint>
 #include <utility>
 
+#include "dynslam/features/orb.hpp"
 #include "dynslam/features/patch_alignment.hpp"
 
 namespace dynslam::slam {
@@ -13,7 +14,7 @@ namespace {
 constexpr double kMinCosine = 0.97;
 
 Eigen::Vector2f on_level(cv::Point2f pixel, float scale) {
-  return {(pixel.x + 0.5F) / scale - 0.5F, (pixel.y + 0.5F) / scale - 0.5F};
+  return {features::to_level(pixel.x, scale), features::to_level(pixel.y, scale)};
 }
 
 /// How a step on the level of the frame looks on the look's, if the surface faces the frame: pixels
@@ -54,40 +55,44 @@ std::shared_ptr<const PointLook> point_look(const TrackedFrame& frame, std::size
   return look;
 }
 
-bool KeypointAligner::align_one(const MapPoint& point, const TrackedFrame& frame,
-                                cv::KeyPoint& keypoint) const {
-  if (point.look == nullptr) return false;
+std::optional<cv::Point2f> KeypointAligner::find(const MapPoint& point, const TrackedFrame& frame,
+                                                 const cv::KeyPoint& keypoint) const {
+  if (point.look == nullptr) return std::nullopt;
   const Eigen::Vector3d X = frame.T_cam_world * point.position;
-  if (!PinholeCamera::in_domain(X)) return false;
+  if (!PinholeCamera::in_domain(X)) return std::nullopt;
   const Eigen::Vector3d ray = frame.T_cam_world.R.transpose() * X;
   const Eigen::Vector3d& usual = point.look->camera_point_world;
-  if (ray.dot(usual) < kMinCosine * ray.norm() * usual.norm()) return false;
+  if (ray.dot(usual) < kMinCosine * ray.norm() * usual.norm()) return std::nullopt;
   const auto octave = static_cast<std::size_t>(keypoint.octave);
   const float scale = scale_factors_[octave];
   const auto A = warp_to(*point.look, camera_, frame.T_cam_world, X.z(), scale);
-  if (!A) return false;
+  if (!A) return std::nullopt;
   const features::PatchAlignment found = features::align_patch(
       point.look->patch, *A, frame.levels[octave], on_level(keypoint.pt, scale));
-  if (!found.ok()) return false;
-  keypoint.pt = {(found.at.x() + 0.5F) * scale - 0.5F, (found.at.y() + 0.5F) * scale - 0.5F};
-  return true;
+  if (!found.ok()) return std::nullopt;
+  return cv::Point2f(features::from_level(found.at.x(), scale),
+                     features::from_level(found.at.y(), scale));
 }
 
 int KeypointAligner::align(const Map& map, const std::vector<PointMatch>& matches,
                            const std::vector<PointId>& ids, TrackedFrame& frame) const {
   if (frame.levels.empty()) return 0;
-  auto features = std::make_shared<FrameFeatures>(*frame.features);
-  int aligned = 0;
+  std::vector<std::pair<std::uint32_t, cv::Point2f>> found;
   for (const PointMatch& match : matches) {
     const MapPoint* point = map.find_point(ids[match.source]);
-    cv::KeyPoint& keypoint = features->keypoints[match.feature];
-    const float column = keypoint.pt.x;
-    if (point == nullptr || !align_one(*point, frame, keypoint)) continue;
-    features->right_columns[match.feature] += keypoint.pt.x - column;  // the disparity is the same
-    ++aligned;
+    if (point == nullptr) continue;
+    const auto at = find(*point, frame, frame.features->keypoints[match.feature]);
+    if (at) found.emplace_back(match.feature, *at);
   }
-  if (aligned > 0) frame.features = std::move(features);
-  return aligned;
+  if (found.empty()) return 0;
+  auto features = std::make_shared<FrameFeatures>(*frame.features);
+  for (const auto& [feature, at] : found) {
+    cv::Point2f& pixel = features->keypoints[feature].pt;
+    features->right_columns[feature] += at.x - pixel.x;  // the disparity is the same
+    pixel = at;
+  }
+  frame.features = std::move(features);
+  return static_cast<int>(found.size());
 }
 
 }  // namespace dynslam::slam

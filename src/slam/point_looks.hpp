@@ -3,6 +3,7 @@
 
 #include <cstddef>
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include <Eigen/Core>
@@ -39,7 +40,8 @@ class KeypointAligner {
             TrackedFrame& frame) const;
 
  private:
-  bool align_one(const MapPoint& point, const TrackedFrame& frame, cv::KeyPoint& keypoint) const;
+  std::optional<cv::Point2f> find(const MapPoint& point, const TrackedFrame& frame,
+                                  const cv::KeyPoint& keypoint) const;
 
   PinholeCamera camera_;
   std::vector<float> scale_factors_;

@@ -128,7 +128,7 @@ int StereoMatcher::nearest(const cv::KeyPoint& left, const std::uint8_t* descrip
 bool StereoMatcher::refine(const cv::KeyPoint& left, const cv::KeyPoint& right, Fit& fit) const {
   const auto level = static_cast<std::size_t>(left.octave);
   const float scale = extractor_.scale_factors()[level];
-  const auto on_level = [&](float x) { return cvRound((x + 0.5F) / scale - 0.5F); };
+  const auto on_level = [&](float x) { return cvRound(features::to_level(x, scale)); };
   const int radius = options_.patch_radius, search = options_.search_radius;
   const Patch here{&left_pyramid_[level], on_level(left.pt.x), on_level(left.pt.y)};
   const Patch there{&right_pyramid_[level], on_level(right.pt.x), here.y};

@@ -27,7 +27,7 @@ struct TrackedFrame {
   cv::Mat mask;                        ///< copy of the given mask, CV_8UC1; empty without
   cv::Mat hidden_depth;                ///< the depth under the mask (`split_depth`); likewise
   cv::Mat gray;                        ///< CV_8UC1
-  std::vector<GrayView> levels;        ///< its pyramid, while it is the newest frame; else empty
+  std::vector<GrayView> levels;        ///< its pyramid, while it is the newest frame; may be empty
   cv::Mat gray_cells;                  ///< the image at a quarter of its size, CV_8UC1
   cv::Mat cell_trust;                  ///< MoverDetector::trust; may be empty
   SurfaceGrid surface;                 ///< of depth and gray_cells once `ensure_surface` is called

@@ -286,7 +286,7 @@ int Tracker::track_local_map(Map& map, KeyframeId reference, TrackedFrame& frame
   if (wide) motion_.forget_prediction();
   const std::optional<factors::PosePrior> expected = expected_motion();
   int inliers = optimize_as_expected(frame, expected);
-  if (metric_ && inliers >= options_.min_inliers && align_keypoints(map, frame)) {
+  if (inliers >= options_.min_inliers && align_keypoints(map, frame)) {
     inliers = optimize_as_expected(frame, expected);
   }
   if (inliers >= options_.min_inliers) {

@@ -19,6 +19,13 @@ inline constexpr int kOrbDescriptorBytes = 32;
 /// Diameter in level pixels of the patch that gives a key point its angle.
 inline constexpr int kOrbPatchSize = 31;
 
+/// Coordinate on a level of the pyramid of a level-0 coordinate, in either direction: both in
+/// pixels with centres at integers. `scale` is the level's of OrbExtractor::scale_factors().
+inline float to_level(float level0, float scale) { return (level0 + 0.5F) / scale - 0.5F; }
+
+/// Level-0 coordinate of one on a level of the pyramid: to_level's inverse.
+inline float from_level(float on_level, float scale) { return (on_level + 0.5F) * scale - 0.5F; }
+
 /// Nearest that the pixel of a key point comes to the border of its pyramid level, in level pixels;
 /// rotated test pairs reach 18.
 inline constexpr int kOrbBorder = 19;
@@ -84,7 +91,7 @@ struct OrbBudget {
 /// other part goes to the strongest of the other corners (see OrbOptions::spread).
 ///
 /// Each key point carries
-/// - `pt`: level-0 pixels, pixel centres at integers. Pixel i of a level is (i + 1/2) scale - 1/2.
+/// - `pt`: level-0 pixels, pixel centres at integers. Pixel i of a level is from_level(i, scale).
 ///   With OrbOptions::subpixel, in each direction where the parabola through the scores of the
 ///   pixel and its two neighbours peaks, less than half a level pixel away.
 /// - `octave`: level of the pyramid.
