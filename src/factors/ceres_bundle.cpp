@@ -98,9 +98,9 @@ bool Route::project(const BundleObservation& o, double* s) const {
   const Eigen::Vector3d X = poses_[o.keyframe] * points_[o.point];
   if (!PinholeCamera::in_domain(X)) return false;
   const Eigen::Vector3d p = in_.camera.project3(X);
-  const double info = double{o.inverse_sigma} * o.inverse_sigma;
-  const double ru = o.u - p[0], rv = o.v - p[1], rr = has_depth(o) ? o.right_column - p[2] : 0.0;
-  *s = info * (ru * ru + rv * rv + rr * rr);
+  const double ru = o.inverse_sigma * (o.u - p[0]), rv = o.inverse_sigma * (o.v - p[1]);
+  const double rr = has_depth(o) ? right_inverse_sigma(o) * (o.right_column - p[2]) : 0.0;
+  *s = ru * ru + rv * rv + rr * rr;
   return *s < 1e30;
 }
 
@@ -133,7 +133,7 @@ void Route::add(std::size_t i, ceres::Problem* problem) {
   double* point = parameter_block(points_[o.point]);
   if (options_.weights == WeightMode::kJoint) {
     auto& costs = std::get<std::deque<KeyframeCost<Rows, true>>>(costs_);
-    costs.emplace_back(in_.camera, keyframe, measured, o.inverse_sigma);
+    costs.emplace_back(in_.camera, keyframe, measured, o.inverse_sigma, right_inverse_sigma(o));
     problem->AddResidualBlock(&costs.back(), nullptr, pose, point, &phi_[i]);
     priors_.emplace_back(o.weight, options_.lambda);
     problem->AddResidualBlock(&priors_.back(), nullptr, &phi_[i]);
@@ -141,7 +141,7 @@ void Route::add(std::size_t i, ceres::Problem* problem) {
     return;
   }
   auto& costs = std::get<std::deque<KeyframeCost<Rows, false>>>(costs_);
-  costs.emplace_back(in_.camera, keyframe, measured, o.inverse_sigma);
+  costs.emplace_back(in_.camera, keyframe, measured, o.inverse_sigma, right_inverse_sigma(o));
   problem->AddResidualBlock(&costs.back(), loss_of(o.weight), pose, point);
 }
 

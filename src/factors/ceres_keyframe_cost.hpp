@@ -61,15 +61,20 @@ template <int Rows, bool kWeight>
 using KeyframeCostBase = std::conditional_t<kWeight, ceres::SizedCostFunction<Rows, 6, 3, 1>,
                                             ceres::SizedCostFunction<Rows, 6, 3>>;
 
-// phi S^-1/2 (p - pi(T X)) with S^-1/2 = inverse_sigma; blocks: keyframe 6, point 3, and phi 1
-// where kWeight, else phi = 1. The derivatives of weighted_reprojection(), with its zeros left out.
+// phi S^-1/2 (p - pi(T X)) with S^-1/2 = inverse_sigma, right_inverse_sigma in the third row;
+// blocks: keyframe 6, point 3, and phi 1 where kWeight, else phi = 1. The derivatives of
+// weighted_reprojection(), with its zeros left out.
 template <int Rows, bool kWeight>
 class KeyframeCost final : public KeyframeCostBase<Rows, kWeight> {
  public:
   using Measured = Eigen::Matrix<double, Rows, 1>;
   KeyframeCost(const DepthCamera& camera, const CeresKeyframes::State& keyframe,
-               const Measured& measured, double inverse_sigma)
-      : camera_(camera), keyframe_(keyframe), measured_(measured), inverse_sigma_(inverse_sigma) {}
+               const Measured& measured, double inverse_sigma, double right_inverse_sigma)
+      : camera_(camera),
+        keyframe_(keyframe),
+        measured_(measured),
+        inverse_sigma_(inverse_sigma),
+        right_inverse_sigma_(right_inverse_sigma) {}
 
   bool Evaluate(double const* const* x, double* residuals, double** J) const override {
     const RigidTransform& T = keyframe_.T;
@@ -86,13 +91,15 @@ class KeyframeCost final : public KeyframeCostBase<Rows, kWeight> {
     whitened[0] = inverse_sigma_ * (measured_[0] - column);
     whitened[1] = inverse_sigma_ * (measured_[1] - (camera_.fy * v + camera_.cy));
     if constexpr (Rows == 3)
-      whitened[2] = inverse_sigma_ * (measured_[2] - (column - camera_.bf * inv_z));
+      whitened[2] = right_inverse_sigma_ * (measured_[2] - (column - camera_.bf * inv_z));
     for (int r = 0; r < Rows; ++r) residuals[r] = phi * whitened[r];
     if (!J) return true;
     const double scale = -phi * inverse_sigma_ * inv_z;
-    const double a = scale * camera_.fx, b = scale * camera_.fy, d = scale * camera_.bf * inv_z;
-    if (J[0]) by_keyframe(X, u, v, a, b, d, J[0]);
-    if (J[1]) by_point(T.R, u, v, a, b, d, J[1]);
+    const double right_scale = -phi * right_inverse_sigma_ * inv_z;
+    const double a = scale * camera_.fx, b = scale * camera_.fy;
+    const double c = right_scale * camera_.fx, d = right_scale * camera_.bf * inv_z;
+    if (J[0]) by_keyframe(X, u, v, {a, b, c, d}, J[0]);
+    if (J[1]) by_point(T.R, u, v, {a, b, c, d}, J[1]);
     if constexpr (kWeight) {
       if (J[2]) detail::map<Rows, 1>(J[2]) = whitened;
     }
@@ -100,23 +107,26 @@ class KeyframeCost final : public KeyframeCostBase<Rows, kWeight> {
   }
 
  private:
-  // Rows of -phi S^-1/2 d pi / dX are (a, 0, -a u), (0, b, -b v), (a, 0, -a u + d).
-  static void by_keyframe(const Eigen::Vector3d& X, double u, double v, double a, double b,
-                          double d, double* J) {
-    const double row0[] = {a, 0.0, -a * u, -a * u * X.y(), a * (X.z() + u * X.x()), -a * X.y()};
-    const double row1[] = {0.0, b, -b * v, -b * (v * X.y() + X.z()), b * v * X.x(), b * X.x()};
-    for (int c = 0; c < 6; ++c) J[c] = row0[c], J[6 + c] = row1[c];
+  // Rows of -phi S^-1/2 d pi / dX are (a, 0, -a u), (0, b, -b v), (c, 0, -c u + d).
+  struct Slopes {
+    double a, b, c, d;
+  };
+  static void by_keyframe(const Eigen::Vector3d& X, double u, double v, const Slopes& of,
+                          double* J) {
+    const double along_u[] = {1.0, 0.0, -u, -u * X.y(), X.z() + u * X.x(), -X.y()};
+    const double along_v[] = {0.0, 1.0, -v, -(v * X.y() + X.z()), v * X.x(), X.x()};
+    for (int i = 0; i < 6; ++i) J[i] = of.a * along_u[i], J[6 + i] = of.b * along_v[i];
     if constexpr (Rows == 3) {
-      const double row2[] = {0.0, 0.0, d, d * X.y(), -d * X.x(), 0.0};
-      for (int c = 0; c < 6; ++c) J[12 + c] = row0[c] + row2[c];
+      const double along_z[] = {0.0, 0.0, 1.0, X.y(), -X.x(), 0.0};
+      for (int i = 0; i < 6; ++i) J[12 + i] = of.c * along_u[i] + of.d * along_z[i];
     }
   }
-  static void by_point(const Eigen::Matrix3d& R, double u, double v, double a, double b, double d,
-                       double* J) {
-    for (int c = 0; c < 3; ++c) {
-      J[c] = a * (R(0, c) - u * R(2, c));
-      J[3 + c] = b * (R(1, c) - v * R(2, c));
-      if constexpr (Rows == 3) J[6 + c] = J[c] + d * R(2, c);
+  static void by_point(const Eigen::Matrix3d& R, double u, double v, const Slopes& of, double* J) {
+    for (int i = 0; i < 3; ++i) {
+      const double along_u = R(0, i) - u * R(2, i);
+      J[i] = of.a * along_u;
+      J[3 + i] = of.b * (R(1, i) - v * R(2, i));
+      if constexpr (Rows == 3) J[6 + i] = of.c * along_u + of.d * R(2, i);
     }
   }
   static void pull_at_nothing(double phi, double* residuals, double** J) {
@@ -132,7 +142,7 @@ class KeyframeCost final : public KeyframeCostBase<Rows, kWeight> {
   const DepthCamera& camera_;
   const CeresKeyframes::State& keyframe_;
   Measured measured_;
-  double inverse_sigma_;
+  double inverse_sigma_, right_inverse_sigma_;
 };
 
 }  // namespace dynslam::factors

@@ -14,8 +14,13 @@ inline constexpr double kLargest = 1e9;
 
 inline bool in_reach(double value) { return std::abs(value) < kLargest; }  // false for NaN
 
+inline float right_inverse_sigma(const BundleObservation& o) {
+  return std::isnan(o.right_inverse_sigma) ? o.inverse_sigma : o.right_inverse_sigma;
+}
+
 inline bool has_depth(const BundleObservation& o) {
-  return o.right_column >= 0.0F && in_reach(o.right_column);
+  return o.right_column >= 0.0F && in_reach(o.right_column) && right_inverse_sigma(o) > 0.0F &&
+         right_inverse_sigma(o) < 1e6F;
 }
 
 inline bool usable(const BundleObservation& o, const Eigen::Vector3d& X) {

@@ -33,13 +33,13 @@ void SchurSolver::collect(const BundleProblem& problem) {
   for (std::size_t i = 0; i < problem.observations.size(); ++i) {
     const BundleObservation& o = problem.observations[i];
     if (!takes_part(o)) continue;
-    const double info = double{o.inverse_sigma} * o.inverse_sigma;
+    const double certainty = o.inverse_sigma, right_certainty = right_inverse_sigma(o);
     const bool depth = has_depth(o);
     items_[begin[o.point]++] = {o.u,
                                 o.v,
                                 depth ? o.right_column : 0.0,
-                                info,
-                                depth ? info : 0.0,
+                                certainty * certainty,
+                                depth ? right_certainty * right_certainty : 0.0,
                                 o.weight,
                                 o.keyframe,
                                 o.point,

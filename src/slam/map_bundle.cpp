@@ -6,7 +6,6 @@
 #include <utility>
 
 #include "map_correction.hpp"
-#include "residual_noise.hpp"
 
 namespace dynslam::slam {
 namespace {
@@ -99,18 +98,24 @@ void MapBundle::add_observations(const Map& map, const std::vector<float>& scale
   }
 }
 
-// In pixels of a level, before anything is moved.
-double MapBundle::noise(const PinholeCamera& camera) const {
+// Before anything is moved.
+FeatureNoise MapBundle::noise(const DepthCamera& camera) const {
   ResidualNoise residuals;
   for (const factors::BundleObservation& o : observations_) {
-    residuals.add(camera, poses_[o.keyframe] * positions_[o.point], {o.u, o.v}, o.inverse_sigma);
+    residuals.add(camera, poses_[o.keyframe] * positions_[o.point], {o.u, o.v}, o.right_column,
+                  o.inverse_sigma);
   }
-  return residuals.noise_to_weigh_by();
+  return residuals.to_weigh_by();
 }
 
 bool MapBundle::solve(const DepthCamera& camera, factors::BundleWorkspace& workspace,
                       const std::atomic<bool>& stop) {
   inliers_.assign(observations_.size(), 0);
+  const FeatureNoise seen = noise(camera);
+  for (factors::BundleObservation& o : observations_) {  // the unit is the noise of key points
+    o.right_inverse_sigma =
+        static_cast<float>(seen.pixels * seen.right_inverse_sigma(1.0 / o.inverse_sigma));
+  }
   factors::BundleProblem problem;
   problem.camera = camera;
   problem.T_cam_world = poses_;
@@ -119,7 +124,7 @@ bool MapBundle::solve(const DepthCamera& camera, factors::BundleWorkspace& works
   problem.observations = observations_;
   problem.inliers = inliers_;
   factors::BundleOptions options;
-  options.loss.scale *= noise(camera);  // what is far beyond the noise is an error, not noise
+  options.loss.scale *= seen.pixels;  // what is far beyond the noise is an error, not noise
   options.abort = &stop;
   return factors::usable(factors::optimize_bundle(problem, options, &workspace).status);
 }

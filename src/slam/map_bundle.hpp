@@ -13,6 +13,7 @@
 #include "dynslam/factors/bundle_adjustment.hpp"
 #include "dynslam/slam/map.hpp"
 
+#include "residual_noise.hpp"
 #include "shared_map.hpp"
 
 namespace dynslam::slam {
@@ -48,7 +49,7 @@ class MapBundle {
   void add_poses(const Map& map);
   void add_observations(const Map& map, const std::vector<float>& scale_factors);
   void write_points(Map& map) const;
-  double noise(const PinholeCamera& camera) const;
+  FeatureNoise noise(const DepthCamera& camera) const;
 
   std::vector<KeyframeId> keyframes_;  // the free ones first
   std::size_t free_count_ = 0;

@@ -16,27 +16,29 @@ factors::PoseOptimizerOptions optimizer_options(factors::WeightMode weights) {
 
 PoseEstimation::PoseEstimation(const DepthCamera& camera, const std::vector<float>& scale_factors,
                                factors::WeightMode weights)
-    : camera_(camera), options_(optimizer_options(weights)), optimizer_(options_) {
-  for (const float scale : scale_factors) inverse_sigma_of_octave_.push_back(1.0F / scale);
-}
+    : camera_(camera),
+      scale_factors_(scale_factors),
+      options_(optimizer_options(weights)),
+      optimizer_(options_) {}
 
 factors::PoseResult PoseEstimation::solve(const std::vector<PointMatch>& matches,
                                           const FrameFeatures& features,
                                           const RigidTransform& initial,
                                           const factors::PosePrior* prior) {
-  const auto certainty = static_cast<float>(1.0 / noise_);
   points_.clear();
   pixels_.clear();
   right_columns_.clear();
   inverse_sigma_.clear();
+  right_inverse_sigma_.clear();
   weights_.clear();
   for (const PointMatch& match : matches) {
     const cv::KeyPoint& keypoint = features.keypoints[match.feature];
     points_.push_back(match.position);
     pixels_.emplace_back(keypoint.pt.x, keypoint.pt.y);
     right_columns_.push_back(features.right_columns[match.feature]);
-    inverse_sigma_.push_back(certainty *
-                             inverse_sigma_of_octave_[static_cast<std::size_t>(keypoint.octave)]);
+    const double scale = scale_factors_[static_cast<std::size_t>(keypoint.octave)];
+    inverse_sigma_.push_back(static_cast<float>(1.0 / (noise_.pixels * scale)));
+    right_inverse_sigma_.push_back(static_cast<float>(noise_.right_inverse_sigma(scale)));
     weights_.push_back(match.weight);
   }
   const factors::PoseObservations<float> observations = {as_points<double>(points_),
@@ -44,7 +46,7 @@ factors::PoseResult PoseEstimation::solve(const std::vector<PointMatch>& matches
                                                          right_columns_,
                                                          inverse_sigma_,
                                                          weights_,
-                                                         {}};
+                                                         right_inverse_sigma_};
   return optimizer_.optimize(camera_, observations, initial, prior);
 }
 
@@ -52,13 +54,15 @@ void PoseEstimation::learn_noise(const RigidTransform& T_cam_world) {
   residuals_.clear();
   for (std::size_t i = 0; i < points_.size(); ++i) {
     if (inliers()[i] == 0) continue;
-    residuals_.add(camera_, T_cam_world * points_[i], pixels_[i].cast<double>(),
-                   noise_ * inverse_sigma_[i]);
+    residuals_.add(camera_, T_cam_world * points_[i], pixels_[i].cast<double>(), right_columns_[i],
+                   noise_.pixels * inverse_sigma_[i]);
   }
-  noise_ = kMomentum * noise_ + (1.0 - kMomentum) * residuals_.noise_to_weigh_by();
+  const FeatureNoise seen = residuals_.to_weigh_by();
+  noise_.pixels = kMomentum * noise_.pixels + (1.0 - kMomentum) * seen.pixels;
+  noise_.disparity = kMomentum * noise_.disparity + (1.0 - kMomentum) * seen.disparity;
   factors::PoseOptimizerOptions scaled = options_;
-  scaled.chi2_mono /= noise_ * noise_;
-  scaled.chi2_depth /= noise_ * noise_;
+  scaled.chi2_mono /= noise_.pixels * noise_.pixels;
+  scaled.chi2_depth /= noise_.pixels * noise_.pixels;
   optimizer_.set_options(scaled);
 }
 

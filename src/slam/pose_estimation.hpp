@@ -34,9 +34,9 @@ class PoseEstimation {
                             const RigidTransform& initial,
                             const factors::PosePrior* prior = nullptr);
 
-  /// Learns the noise of key points from the inliers of the last solve(), for those to come: errors
-  /// are then weighed by it (robust loss, prior, covariance). Who is an inlier does not depend on
-  /// it.
+  /// Learns the noise of features from the inliers of the last solve(), for those to come: errors
+  /// are then weighed by it (against each other, robust loss, prior, covariance). Who is an inlier
+  /// by its key point does not depend on it.
   void learn_noise(const RigidTransform& T_cam_world);
 
   Span<const std::uint8_t> inliers() const { return optimizer_.inliers(); }
@@ -45,14 +45,14 @@ class PoseEstimation {
 
  private:
   DepthCamera camera_;
-  std::vector<float> inverse_sigma_of_octave_;
+  std::vector<float> scale_factors_;
   factors::PoseOptimizerOptions options_;
   factors::PoseOptimizer optimizer_;
   ResidualNoise residuals_;
-  double noise_ = 1.0;  // pixels of a level
+  FeatureNoise noise_;
   std::vector<Eigen::Vector3d> points_;
   std::vector<Eigen::Vector2f> pixels_;
-  std::vector<float> right_columns_, inverse_sigma_, weights_;
+  std::vector<float> right_columns_, inverse_sigma_, right_inverse_sigma_, weights_;
 };
 
 }  // namespace dynslam::slam

@@ -1,6 +1,7 @@
-// Noise of key points, told by what is left of their reprojection errors.
+// Noise of features, told by what is left of their errors.
 #pragma once
 
+#include <cmath>
 #include <cstddef>
 #include <vector>
 
@@ -10,26 +11,39 @@
 
 namespace dynslam::slam {
 
-/// Collects reprojection errors; their median tells the noise, whatever a few of them are.
+/// Standard deviations of what a feature measures.
+struct FeatureNoise {
+  double pixels = 1.0;     ///< of a coordinate of the key point, pixels of its level
+  double disparity = 1.0;  ///< of its column less that in the right camera, pixels
+
+  /// 1 / sigma of the right column of a key point whose level has pixels of `scale` pixels: it is
+  /// off by what the key point is off, and by what the disparity is off.
+  double right_inverse_sigma(double scale) const {
+    return 1.0 / std::hypot(pixels * scale, disparity);
+  }
+};
+
+/// Collects errors of features; their medians tell the noise, whatever a few of them are.
 class ResidualNoise {
  public:
-  void clear() { squared_.clear(); }
+  void clear();
 
-  /// The error of a point `X` in camera coordinates that was seen at `pixel`, where a pixel of its
-  /// pyramid level is 1 / `inverse_sigma` pixels. Points behind the camera are left out.
-  void add(const PinholeCamera& camera, const Eigen::Vector3d& X, const Eigen::Vector2d& pixel,
-           double inverse_sigma);
+  /// The errors of a point `X` in camera coordinates that was seen at `pixel` and `right_column`
+  /// (NaN or < 0: none), where a pixel of its pyramid level is 1 / `inverse_sigma` pixels. Points
+  /// behind the camera are left out.
+  void add(const DepthCamera& camera, const Eigen::Vector3d& X, const Eigen::Vector2d& pixel,
+           double right_column, double inverse_sigma);
 
-  /// Standard deviation of a coordinate, pixels of its level: sqrt(median of |r|^2 / (2 ln 2)), as
-  /// of a normal distribution in the plane. NaN from fewer than 30 errors. O(N).
-  double standard_deviation();
+  /// Of pixels: sqrt(median of |r|^2 / (2 ln 2)), as of a normal distribution in the plane. Of
+  /// disparity: median of |r| / 0.6745. What fewer than 30 errors tell of is NaN. O(N).
+  FeatureNoise standard_deviations();
 
-  /// What errors are to be weighed by: 2.5 times that, as errors of the map, which are the same in
-  /// every frame, show but little; 0.15 pixels at least, one at most, and one where it is unknown.
-  double noise_to_weigh_by();
+  /// The same for errors to be weighed by: 0.05 pixels at least, those of key points one at most,
+  /// and one where it is unknown.
+  FeatureNoise to_weigh_by();
 
  private:
-  std::vector<double> squared_;
+  std::vector<double> squared_, disparities_;
 };
 
 }  // namespace dynslam::slam

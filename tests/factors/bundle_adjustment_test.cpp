@@ -227,6 +227,43 @@ TEST(BundleAdjustment, AddsUpTwoSightingsFromOneKeyframe) {
   EXPECT_LT(se3_log(b.poses[4] * doubled.poses[4].inverse()).norm(), 1e-6);
 }
 
+// Two bundles of the same noise, one of which has other sigmas or fewer rows.
+void expect_same_result(Bundle a, Bundle b) {
+  optimize_bundle(a.view(), precise(WeightMode::kFixed));
+  optimize_bundle(b.view(), precise(WeightMode::kFixed));
+  for (std::size_t k = 0; k < a.poses.size(); ++k)
+    EXPECT_EQ(a.poses[k].matrix(), b.poses[k].matrix());
+}
+
+TEST(BundleAdjustment, TakesTheSigmaOfTheKeyPointForTheRightColumnUnlessItIsGiven) {
+  BundleShape shape = small_shape();
+  shape.depth = 0.7;
+  const Bundle b = make_bundle(shape, 15);
+  Bundle given = b, none = b, mono = b;
+  for (BundleObservation& o : given.observations) o.right_inverse_sigma = o.inverse_sigma;
+  expect_same_result(b, given);
+  for (BundleObservation& o : none.observations) o.right_inverse_sigma = 0.0F;
+  for (BundleObservation& o : mono.observations) o.right_column = std::nanf("");
+  expect_same_result(none, mono);
+}
+
+TEST(BundleAdjustment, BelievesDepthAsFarAsItsSigmaSays) {
+  BundleShape shape = small_shape();
+  shape.depth = 1.0;
+  shape.noise = 0.1;
+  Bundle b = make_bundle(shape, 16);
+  std::mt19937 rng(4);
+  std::normal_distribution<float> error(0.0F, 4.0F);
+  for (BundleObservation& o : b.observations) o.right_column += error(rng);
+  Bundle told = b;
+  for (BundleObservation& o : told.observations) o.right_inverse_sigma = 0.1F / 4.0F;
+  BundleOptions options = precise(WeightMode::kFixed);
+  options.loss = {};
+  optimize_bundle(b.view(), options);
+  optimize_bundle(told.view(), options);
+  EXPECT_LT(largest_pose_error(told), 0.3 * largest_pose_error(b));
+}
+
 // --- unlucky data ----------------------------------------------------------------------------
 
 TEST(BundleAdjustmentStatus, IsTooFewPointsForNothing) {
@@ -253,6 +290,8 @@ TEST(BundleAdjustmentStatus, NanTakesNoPart) {
   b.observations[201].v = std::numeric_limits<float>::infinity();
   b.observations[202].weight = 0.0F;
   b.observations[203].inverse_sigma = std::nanf("");
+  b.observations[204].right_column = 50.0F;  // with such a sigma it is as without
+  b.observations[204].right_inverse_sigma = std::numeric_limits<float>::infinity();
   const BundleSummary summary = optimize_bundle(b.view(), precise(WeightMode::kFixed));
   EXPECT_TRUE(usable(summary.status));
   EXPECT_TRUE(std::isfinite(summary.final_cost));

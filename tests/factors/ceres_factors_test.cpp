@@ -151,18 +151,20 @@ void check_keyframe_cost() {
     const Eigen::Matrix<double, Rows, 1> m =
         camera.project3(in_camera).template head<Rows>() + 3.0 * random_direction(rng).head<Rows>();
     double phi = 0.6;
-    const double inverse_sigma = 0.7;
+    const double inverse_sigma = 0.7, right_inverse_sigma = 0.2;
+    Eigen::Matrix<double, Rows, Rows> S = Eigen::Matrix<double, Rows, Rows>::Identity();
+    S *= inverse_sigma;
+    if constexpr (Rows == 3) S(2, 2) = right_inverse_sigma;
     Eigen::Matrix<double, Rows, 1> expected, whitened, residual, by_phi;
     Eigen::Matrix<double, Rows, 6> expected_pose;
     Eigen::Matrix<double, Rows, 3> expected_point;
-    ASSERT_TRUE(weighted_reprojection<Rows>(
-        camera, T, X, m, Eigen::Matrix<double, Rows, Rows>::Identity() * inverse_sigma, phi,
-        expected, {&expected_pose, &expected_point, &whitened, nullptr}));
+    ASSERT_TRUE(weighted_reprojection<Rows>(camera, T, X, m, S, phi, expected,
+                                            {&expected_pose, &expected_point, &whitened, nullptr}));
     Eigen::Matrix<double, Rows, 6, Eigen::RowMajor> by_pose;
     Eigen::Matrix<double, Rows, 3, Eigen::RowMajor> by_point;
     const double* blocks[] = {state.xi.data(), X.data(), &phi};
     double* J[] = {by_pose.data(), by_point.data(), by_phi.data()};
-    const KeyframeCost<Rows, true> cost(camera, state, m, inverse_sigma);
+    const KeyframeCost<Rows, true> cost(camera, state, m, inverse_sigma, right_inverse_sigma);
     ASSERT_TRUE(cost.Evaluate(blocks, residual.data(), J));
     EXPECT_LT((residual - expected).norm(), 1e-10);
     EXPECT_LT((by_pose - expected_pose).norm(), 1e-9);
@@ -191,7 +193,7 @@ TEST(CeresKeyframeCost, IsTheWeightedReprojectionWithItsDerivatives) {
 TEST(CeresKeyframeCost, BehindTheCameraPullsAtNothing) {
   const RigidTransform T;
   CeresKeyframes keyframes(Span<const RigidTransform>(&T, 1));
-  const KeyframeCost<3, true> cost(synthetic::kinect(), keyframes.states[0], {1, 2, 3}, 1.0);
+  const KeyframeCost<3, true> cost(synthetic::kinect(), keyframes.states[0], {1, 2, 3}, 1.0, 1.0);
   Eigen::Vector3d X(0, 0, -1), residual, by_phi;
   double phi = 0.5;
   const double* blocks[] = {keyframes.states[0].xi.data(), X.data(), &phi};

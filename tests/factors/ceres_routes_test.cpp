@@ -42,7 +42,10 @@ TEST(CeresRoute, AgreesWithTheSchurSolverForEveryModeAndLoss) {
     Bundle a = make_bundle(shape, 21);
     std::mt19937 rng(1);
     std::uniform_real_distribution<float> uniform(0.5F, 1.0F);
-    for (BundleObservation& o : a.observations) o.weight = uniform(rng);
+    for (BundleObservation& o : a.observations) {
+      o.weight = uniform(rng);
+      if (o.point % 2 == 0) o.right_inverse_sigma = uniform(rng);
+    }
     Bundle b = a;
     BundleOptions options;
     options.weights = mode;

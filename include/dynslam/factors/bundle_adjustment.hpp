@@ -25,6 +25,9 @@ struct BundleObservation {
   float right_column = std::numeric_limits<float>::quiet_NaN();  ///< u_R; NaN or < 0: mono
   float inverse_sigma = 1.0F;                                    ///< 1/pixels, > 0
   float weight = 1.0F;                                           ///< phi0 in [0, 1]
+  /// 1/sigma of the u_R row where it differs (depth noise), >= 0; 0: as without depth; NaN:
+  /// inverse_sigma.
+  float right_inverse_sigma = std::numeric_limits<float>::quiet_NaN();
 };
 
 /// What to optimize; views, states are changed in place.
