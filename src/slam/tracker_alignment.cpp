@@ -16,7 +16,7 @@ constexpr int kMinGuessInliers = 6;  // of a motion that dense alignment is to j
 // Errors of neighbouring depth pixels are not independent: a grid of thousands is worth dozens.
 constexpr double kAlignmentTrust = 0.01;
 // Nor are those of features: the covariance of a pose is so many times what counting them gives.
-constexpr double kFeatureDoubt = 4.0;
+constexpr double kFeatureDoubt = 2.0;
 constexpr double kDepthBias = 0.01;  // metres that aligned depth is off as a whole
 constexpr double kTurnBias = 0.01;   // radians
 
