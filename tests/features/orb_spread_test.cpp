@@ -27,6 +27,15 @@ std::vector<Corner> corners_of_seed(int count, int width, int height, unsigned s
   return corners;
 }
 
+TEST(PyramidLevel, HasTheBordersOfTheImage) {
+  for (const float scale : {1.0F, 1.2F, 2.0F, 3.58F}) {
+    EXPECT_EQ(to_level(-0.5F, scale), -0.5F);
+    EXPECT_NEAR(to_level(100.0F * scale - 0.5F, scale), 99.5F, 1e-4F);
+    EXPECT_NEAR(to_level(from_level(17.3F, scale), scale), 17.3F, 1e-5F);
+  }
+  EXPECT_EQ(to_level(0.5F, 2.0F), 0.0F) << "the first pixel of a level lies between two";
+}
+
 TEST(CornerChooser, ReturnsExactlyAsManyAsAskedForAndNoneTwice) {
   CornerChooser chooser;
   std::vector<Corner> chosen;

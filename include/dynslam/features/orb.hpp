@@ -19,11 +19,11 @@ inline constexpr int kOrbDescriptorBytes = 32;
 /// Diameter in level pixels of the patch that gives a key point its angle.
 inline constexpr int kOrbPatchSize = 31;
 
-/// Coordinate on a level of the pyramid of a level-0 coordinate, in either direction: both in
-/// pixels with centres at integers. `scale` is the level's of OrbExtractor::scale_factors().
+/// Where a level of the pyramid shows a level-0 column or row; both are in pixels of their level,
+/// whose centres lie at integers. `scale` is the level's of OrbExtractor::scale_factors().
 inline float to_level(float level0, float scale) { return (level0 + 0.5F) / scale - 0.5F; }
 
-/// Level-0 coordinate of one on a level of the pyramid: to_level's inverse.
+/// The inverse of `to_level`.
 inline float from_level(float on_level, float scale) { return (on_level + 0.5F) * scale - 0.5F; }
 
 /// Nearest that the pixel of a key point comes to the border of its pyramid level, in level pixels;
