@@ -22,10 +22,11 @@ struct View {
   FrameFeatures features;
   std::vector<PointMatch> matches;
 
-  explicit View(double noise, float wrong = 0.0F, double disparity_noise = -1.0) {
+  explicit View(double noise, float wrong = 0.0F, double disparity_noise = -1.0,
+                unsigned seed = 7) {
     static_cast<PinholeCamera&>(camera) = slam::camera();
     camera.bf = 0.2 * camera.fx;
-    std::mt19937 random(7);
+    std::mt19937 random(seed);
     std::normal_distribution<double> error(0.0, noise);
     std::uniform_real_distribution<double> u(20.0, 620.0), v(20.0, 460.0), z(1.0, 4.0);
     for (std::uint32_t i = 0; i < 300; ++i) {
@@ -86,11 +87,14 @@ TEST(PoseEstimation, IsPulledLessByFeaturesBesideOnceItKnowsTheNoise) {
 }
 
 TEST(PoseEstimation, BelievesDepthAsFarAsItsNoiseAllows) {
-  const View view(0.1, 0.0F, 4.0);
-  PoseEstimation pose = estimation(view);
-  const double before = view.solve(pose).T_cam_world.t.norm();
-  const double after = view.solve_learned(pose).T_cam_world.t.norm();
-  EXPECT_LT(after, 0.5 * before);
+  double before = 0.0, after = 0.0;  // squared, of all
+  for (unsigned seed = 0; seed < 20; ++seed) {
+    const View view(0.1, 0.0F, 2.0, seed);
+    PoseEstimation pose = estimation(view);
+    before += view.solve(pose).T_cam_world.t.squaredNorm();
+    after += view.solve_learned(pose).T_cam_world.t.squaredNorm();
+  }
+  EXPECT_LT(after, 0.2 * before);
 }
 
 TEST(PoseEstimation, FindsTheSameInliersWhateverTheNoiseIs) {
