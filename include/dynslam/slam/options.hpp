@@ -34,9 +34,10 @@ struct TrackingOptions {
   /// Sensor::kStereo: matching of the two images.
   StereoOptions stereo;
   /// Sensor::kRgbd: baseline of the right camera that stands for measured depth, metres, >= 0; 0
-  /// takes the camera's own bf. The longer, the more depth weighs against pixels. Engineering: at
-  /// 0.23 m the depth noise of a Kinect is worth about 0.2 pixels at all its distances, which
-  /// leaves room for what its model omits (edges, registration).
+  /// takes the camera's own bf. The longer, the more its columns tell of depth alone, whose noise
+  /// is learned, and the more it counts. Engineering: at 0.23 m the depth noise of a Kinect is
+  /// worth about 0.2 pixels at all its distances; at 0.5 m what no noise tells (edges,
+  /// registration) begins to count for too much.
   double virtual_baseline = 0.23;
   /// Half side of the search window around a point predicted from the last frame, pixels at the
   /// finest level, > 0; doubled once when too little is found. Engineering.
