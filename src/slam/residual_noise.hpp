@@ -17,7 +17,9 @@ struct FeatureNoise {
   double disparity = 1.0;  ///< of its column less that in the right camera, pixels
 
   /// 1 / sigma of the right column of a key point whose level has pixels of `scale` pixels: it is
-  /// off by what the key point is off, and by what the disparity is off.
+  /// off by what the key point is off, and by what the disparity is off. The solvers take the rows
+  /// of an observation as independent, so that it repeats the key point's error is left out;
+  /// factors::depth_sqrt_information has it.
   double right_inverse_sigma(double scale) const {
     return 1.0 / std::hypot(pixels * scale, disparity);
   }

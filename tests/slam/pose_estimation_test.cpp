@@ -15,16 +15,21 @@
 namespace dynslam::slam {
 namespace {
 
+DepthCamera depth_camera() {
+  DepthCamera camera;
+  static_cast<PinholeCamera&>(camera) = slam::camera();
+  return camera;
+}
+
 // Points in front of a camera at the origin, seen with `noise` pixels, and `wrong` pixels off to
 // the right every tenth of them. With `disparity_noise` pixels they have disparities, too.
 struct View {
-  DepthCamera camera;
+  DepthCamera camera = depth_camera();
   FrameFeatures features;
   std::vector<PointMatch> matches;
 
   explicit View(double noise, float wrong = 0.0F, double disparity_noise = -1.0,
                 unsigned seed = 7) {
-    static_cast<PinholeCamera&>(camera) = slam::camera();
     camera.bf = 0.2 * camera.fx;
     std::mt19937 random(seed);
     std::normal_distribution<double> error(0.0, noise);
@@ -107,8 +112,7 @@ TEST(PoseEstimation, FindsTheSameInliersWhateverTheNoiseIs) {
 
 // Of points seen with such errors, every tenth far off.
 ResidualNoise residuals(double pixel_error, double disparity_error, double inverse_sigma = 1.0) {
-  DepthCamera camera;
-  static_cast<PinholeCamera&>(camera) = slam::camera();
+  const DepthCamera camera = depth_camera();
   std::mt19937 random(3);
   std::normal_distribution<double> normal;
   ResidualNoise noise;
@@ -143,8 +147,7 @@ TEST(ResidualNoise, KnowsBounds) {
 }
 
 TEST(ResidualNoise, IsUnknownFromAFewErrorsAndFromPointsBehindTheCamera) {
-  DepthCamera camera;
-  static_cast<PinholeCamera&>(camera) = slam::camera();
+  const DepthCamera camera = depth_camera();
   const double none = std::numeric_limits<double>::quiet_NaN();
   ResidualNoise noise;
   EXPECT_TRUE(std::isnan(noise.standard_deviations().pixels));
