@@ -51,7 +51,7 @@ KeyframeId LocalMapper::insert(TrackedFrame& frame, std::size_t frame_index) {
       if (map.add_observation(frame.points[i], {id, i})) {
         map.refresh_point(frame.points[i], scale_factors_);
         if (known->look == nullptr) {
-          known->look = point_look(frame, i, known->position, scale_factors_);
+          known->look = point_look(camera_, frame, i, known->position, scale_factors_);
         }
       }
       continue;
@@ -63,7 +63,7 @@ KeyframeId LocalMapper::insert(TrackedFrame& frame, std::size_t frame_index) {
     point.color = features.colors[i];
     // A point must prove itself: what looks static now may only have paused.
     if (options_.geometry) point.static_weight = std::min(kNewWeight, frame.staticness[i]);
-    point.look = point_look(frame, i, point.position, scale_factors_);
+    point.look = point_look(camera_, frame, i, point.position, scale_factors_);
     frame.points[i] = map.add_point(std::move(point));
     frame.rejected[i] = 0;
     map.add_observation(frame.points[i], {id, i});

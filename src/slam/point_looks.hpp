@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 #include <memory>
 #include <optional>
 #include <vector>
@@ -17,33 +18,62 @@
 namespace dynslam::slam {
 
 /// How a feature of a frame shows its point at `position`. Null if the frame has no pyramid any
-/// more, or the feature lies too near to a border. O(1).
-std::shared_ptr<const PointLook> point_look(const TrackedFrame& frame, std::size_t feature,
-                                            const Eigen::Vector3d& position,
+/// more, or the feature lies too near to a border. O(1), 2 us with depth.
+std::shared_ptr<const PointLook> point_look(const PinholeCamera& camera, const TrackedFrame& frame,
+                                            std::size_t feature, const Eigen::Vector3d& position,
                                             const std::vector<float>& scale_factors);
 
-/// Moves key points to where their points look as they do in the map.
+/// A point of the map that a frame should show, and on which level of its pyramid.
+struct SoughtPoint {
+  std::uint32_t source = 0;  ///< the caller's index of the point
+  PointId id = kNoId;
+  int octave = 0;
+};
+
+/// Finds points in a frame by how they look in the map. Its pose has to be known to a few pixels.
 ///
-/// A corner is found anew in every image, to a third of a pixel of its level. The point's look is
-/// found to a tenth, and always the same place of it, so that what is left of a key point's error
-/// does not change from frame to frame.
-class KeypointAligner {
+/// A corner is found anew in every image, to a third of a pixel of its level, or is not. A look is
+/// found to a tenth, and always the same place of it, so that what is left of its error does not
+/// change from frame to frame; and it needs no corner.
+class LookFinder {
  public:
-  KeypointAligner(const PinholeCamera& camera, const std::vector<float>& scale_factors)
+  LookFinder(const DepthCamera& camera, const std::vector<float>& scale_factors)
       : camera_(camera), scale_factors_(scale_factors) {}
 
-  /// Matches show the points ids[match.source]; the frame's pose has to be known to a few pixels.
-  /// Features are shared and never change, so those of the frame are replaced. Key points stay that
-  /// move by more than a pixel of their level, or whose point has no look or one from more than 14
-  /// degrees aside. Returns how many were moved. O(matches), 0.3 us each.
+  /// Moves the key points of matches to where their points look as they do in the map. Matches show
+  /// the points ids[match.source]. Features are shared and never change, so those of the frame are
+  /// replaced. Key points stay whose point has no look, or one from more than 14 degrees aside, or
+  /// is found neither within a pixel of the level from the key point nor, where that lies within
+  /// three of it, from the place that the pose tells. Returns how many were moved. O(matches), 0.3
+  /// us each.
   int align(const Map& map, const std::vector<PointMatch>& matches, const std::vector<PointId>& ids,
             TrackedFrame& frame) const;
 
+  /// Finds points where no corner was, within a pixel of the level from where the pose tells, and
+  /// adds a feature for each (TrackedFrame::add_sought), with the descriptor of the point and the
+  /// depth that the frame has there. That has to be the point's within a twentieth: what hides it
+  /// is nearer, and masked places have none. Without a depth image nothing is found. Returns the
+  /// matches, with positions and weight 1. O(points), 0.3 us each.
+  std::vector<PointMatch> seek(const Map& map, const std::vector<SoughtPoint>& points,
+                               TrackedFrame& frame) const;
+
  private:
+  // Where the look of a point is to be expected on a level of the frame, and how warped.
+  struct Expected {
+    Eigen::Matrix2f A_look_level;
+    Eigen::Vector2f at;  // pixels of the level
+  };
+  std::optional<Expected> expect(const MapPoint& point, const TrackedFrame& frame,
+                                 std::size_t octave) const;
   std::optional<cv::Point2f> find(const MapPoint& point, const TrackedFrame& frame,
                                   const cv::KeyPoint& keypoint) const;
+  std::optional<cv::Point2f> find_near(const PointLook& look, const Expected& expected,
+                                       const Eigen::Vector2f& start, const TrackedFrame& frame,
+                                       std::size_t octave) const;
+  void add_feature(const MapPoint& point, const cv::KeyPoint& keypoint, float depth,
+                   FrameFeatures& features) const;
 
-  PinholeCamera camera_;
+  DepthCamera camera_;
   std::vector<float> scale_factors_;
 };
 

@@ -1,6 +1,29 @@
 #include "tracked_frame.hpp"
 
+#include <utility>
+
 namespace dynslam::slam {
+
+void TrackedFrame::add_sought(FrameFeaturesPtr with_sought) {
+  if (corners == nullptr) corners = features;
+  features = std::move(with_sought);
+  resize_to_features();
+}
+
+void TrackedFrame::drop_sought() {
+  if (corners == nullptr) return;
+  features = std::exchange(corners, nullptr);
+  resize_to_features();
+}
+
+void TrackedFrame::resize_to_features() {
+  const std::size_t size = features->size();
+  points.resize(size, kNoId);
+  rejected.resize(size, 0);
+  previous.resize(size, -1);
+  moving.resize(size, 0);
+  staticness.resize(size, std::numeric_limits<float>::quiet_NaN());
+}
 
 bool ensure_surface(const PinholeCamera& camera, TrackedFrame& frame) {
   if (frame.depth.empty()) return false;

@@ -21,6 +21,7 @@ namespace dynslam::slam {
 /// Features of a frame, its pose, and which map point each feature shows.
 struct TrackedFrame {
   FrameFeaturesPtr features;
+  FrameFeaturesPtr corners;  ///< the features without sought ones; null while there are none
   double timestamp = 0.0;
   RigidTransform T_cam_world;
   cv::Mat depth;                       ///< copy of the depth image; 0 under the mask
@@ -39,6 +40,7 @@ struct TrackedFrame {
 
   void reset(FrameFeaturesPtr new_features, double time) {
     features = std::move(new_features);
+    corners = nullptr;
     timestamp = time;
     cell_trust.release();
     surface.clear();
@@ -48,6 +50,20 @@ struct TrackedFrame {
     moving.assign(features->size(), 0);
     staticness.assign(features->size(), std::numeric_limits<float>::quiet_NaN());
   }
+
+  /// Forgets all that was found out with its corners.
+  void start_over() {
+    drop_sought();
+    reset(features, timestamp);
+  }
+
+  /// Takes features that were sought by the looks of points beside those it has, which come first.
+  void add_sought(FrameFeaturesPtr with_sought);
+  /// Lets go of them again: the next frame is matched with corners.
+  void drop_sought();
+
+ private:
+  void resize_to_features();
 };
 
 /// Builds the surface of a frame, unless it is there already; false without depth. O(pixels).

@@ -56,6 +56,7 @@ void Tracker::Predictions::resize(std::size_t n) {
   weights.assign(n, 1.0F);
   pixels.resize(n);
   radii.assign(n, 0.0F);
+  octaves.resize(n);
   min_octaves.resize(n);
   max_octaves.resize(n);
 }
@@ -94,7 +95,7 @@ Tracker::Tracker(const DepthCamera& camera, const SystemOptions& options,
       metric_(options.sensor != Sensor::kMono),
       scale_factors_(scale_factors),
       pose_(camera, scale_factors, options.weights),
-      aligner_(camera, scale_factors) {}
+      looks_(camera, scale_factors) {}
 
 float Tracker::initial_weight(float remembered, float geometric) const {
   if (!weighted_) return 1.0F;
@@ -260,6 +261,7 @@ void Tracker::predict_from_map(const RigidTransform& T_cam_world, double radius)
                               static_cast<float>(sighting->pixel.y())};
     predictions_.radii[i] = static_cast<float>(radius * (sighting->cosine > 0.998 ? 0.7 : 1.0)) *
                             scale_factors_[static_cast<std::size_t>(sighting->octave)];
+    predictions_.octaves[i] = sighting->octave;
     predictions_.min_octaves[i] = sighting->octave - 1;
     predictions_.max_octaves[i] = sighting->octave + 1;
   }
@@ -286,7 +288,7 @@ int Tracker::track_local_map(Map& map, KeyframeId reference, TrackedFrame& frame
   if (wide) motion_.forget_prediction();
   const std::optional<factors::PosePrior> expected = expected_motion();
   int inliers = optimize_as_expected(frame, expected);
-  if (inliers >= options_.min_inliers && align_keypoints(map, frame)) {
+  if (inliers >= options_.min_inliers && match_looks(map, frame)) {
     inliers = optimize_as_expected(frame, expected);
   }
   if (inliers >= options_.min_inliers) {
@@ -304,9 +306,24 @@ int Tracker::track_local_map(Map& map, KeyframeId reference, TrackedFrame& frame
   return inliers;
 }
 
-bool Tracker::align_keypoints(const Map& map, TrackedFrame& frame) {
+bool Tracker::match_looks(const Map& map, TrackedFrame& frame) {
   const ScopedTimer timer(times_.match);
-  return aligner_.align(map, matches_, predictions_.ids, frame) > 0;
+  const bool aligned = looks_.align(map, matches_, predictions_.ids, frame) > 0;
+  taken_.assign(predictions_.ids.size(), 0);
+  for (const PointMatch& match : matches_) taken_[match.source] = 1;
+  sought_.clear();
+  for (std::uint32_t i = 0; i < predictions_.ids.size(); ++i) {
+    if (predictions_.ids[i] == kNoId || taken_[i] != 0) continue;
+    sought_.push_back({i, predictions_.ids[i], predictions_.octaves[i]});
+  }
+  const std::vector<PointMatch> found = looks_.seek(map, sought_, frame);
+  for (PointMatch match : found) {
+    match.weight =
+        initial_weight(predictions_.weights[match.source], frame.staticness[match.feature]);
+    matches_.push_back(match);
+  }
+  if (geometry_) prefer_proven(frame.T_cam_world);
+  return aligned || !found.empty();
 }
 
 // What is expected may have followed a mover. It is let go of if it makes outliers of most that the

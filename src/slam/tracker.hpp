@@ -107,7 +107,7 @@ class Tracker {
     std::vector<float> weights;
     std::vector<cv::Point2f> pixels;
     std::vector<float> radii;
-    std::vector<int> min_octaves, max_octaves;
+    std::vector<int> octaves, min_octaves, max_octaves;
     void resize(std::size_t n);
   };
 
@@ -153,9 +153,9 @@ class Tracker {
                const std::optional<factors::PosePrior>& prior);
   /// The same with what is expected of the pose, unless features contradict that.
   int optimize_as_expected(TrackedFrame& frame, const std::optional<factors::PosePrior>& expected);
-  /// Moves the key points of `matches_` to where their points look as they do in the map; true if
-  /// that moved any.
-  bool align_keypoints(const Map& map, TrackedFrame& frame);
+  /// Moves the key points of `matches_` to where their points look as they do in the map, and seeks
+  /// the points without a match by their looks; true if `matches_` changed by that.
+  bool match_looks(const Map& map, TrackedFrame& frame);
   double agreeing_weight() const;
   /// What the motion so far and the alignment of surfaces say of the pose together.
   std::optional<factors::PosePrior> expected_motion();
@@ -167,7 +167,7 @@ class Tracker {
   bool weighted_, geometry_, reject_matches_, learns_, metric_;
   std::vector<float> scale_factors_;
   PoseEstimation pose_;
-  KeypointAligner aligner_;
+  LookFinder looks_;
   LocalMap local_map_;
   RigidTransform velocity_;                  // T_cam_last, by aligned surfaces where there are any
   RigidTransform predicted_;                 // the same by the motion so far alone
@@ -181,6 +181,7 @@ class Tracker {
   Predictions predictions_;
   std::vector<Match> found_;
   std::vector<PointMatch> matches_;
+  std::vector<SoughtPoint> sought_;
   std::vector<std::uint8_t> taken_, keep_;
   matching::Workspace rejection_;
   MotionProblem motions_;

@@ -143,7 +143,7 @@ bool TrackingSession::follow(TrackingLock& lock) {
   if (tracker_.track_last_frame(map, last_, current_, depth_check)) return true;
   if (wide || tracker_.align_depth(last_, current_) || tracker_.align_wide_step(last_, current_)) {
     if (!tracker_.track_last_frame(map, last_, current_, depth_check)) {
-      current_.reset(current_.features, current_.timestamp);
+      current_.start_over();
       current_.T_cam_world = tracker_.expected_pose(last_);
     }
     return true;
@@ -179,7 +179,7 @@ std::vector<KeyframeId> TrackingSession::relocalization_candidates() {
 
 bool TrackingSession::relocalize() {
   for (const KeyframeId candidate : relocalization_candidates()) {
-    current_.reset(current_.features, current_.timestamp);
+    current_.start_over();
     if (!tracker_.match_keyframe(shared_.map, candidate, current_)) continue;
     const int inliers = tracker_.track_local_map(shared_.map, candidate, current_, true);
     if (inliers >= options_.tracking.min_relocalization_inliers) return true;
@@ -340,6 +340,7 @@ bool TrackingSession::locate(FrameResult& result, TrackingLock& lock) {
     }
   }
   if (relocalize()) {
+    current_.drop_sought();
     find_movers(result, lock);
     result.inliers = static_cast<int>(std::count_if(current_.points.begin(), current_.points.end(),
                                                     [](PointId id) { return id != kNoId; }));
@@ -404,7 +405,7 @@ bool TrackingSession::look_back(FrameResult& result, TrackingLock& lock) {
   forget_since_first_look(*T_cam_world);
   corrected_velocity_ = second_look_.velocity(now, *T_cam_world);
   tracker_.forget_alignment();
-  current_.reset(current_.features, now);
+  current_.start_over();
   current_.T_cam_world = *T_cam_world;
   find_movers(result, lock);
   result.inliers = tracker_.track_local_map(shared_.map, shared_.log.reference, current_, true);
@@ -437,6 +438,7 @@ void TrackingSession::step(FrameResult& result) {
   }
   result.ms.match = times.match;
   result.ms.optimize = times.optimize;
+  current_.drop_sought();
   if (located) result.T_world_cam = current_.T_cam_world.inverse();
   if (located && options_.geometry && !current_.depth.empty()) {
     if (first) find_movers(result, lock);

@@ -48,6 +48,7 @@ struct PointLook {
   float scale = 1.0F;     ///< side of a pixel of that level, level-0 pixels
   Eigen::Matrix3d R_cam_world = Eigen::Matrix3d::Identity();  ///< of the keyframe, when it was made
   Eigen::Vector3d camera_point_world = Eigen::Vector3d::Zero();  ///< from its camera to the point
+  Eigen::Vector3d normal_world = Eigen::Vector3d::Zero();  ///< of the surface; zero if not known
 };
 
 /// A point of the world.
