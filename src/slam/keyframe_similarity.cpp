@@ -13,13 +13,14 @@ constexpr int kSameBits = 50;  // the strict of the field's two thresholds for O
 }  // namespace
 
 double similarity(const FrameFeatures& frame, const FrameFeatures& other) {
-  if (frame.size() == 0) return 0.0;
+  const DescriptorsView corners = frame.corner_descriptors();
+  if (corners.height == 0) return 0.0;
   features::BruteForceOptions options;
   options.max_distance = kSameBits;
   options.cross_check = true;
   std::vector<Match> matches;
-  features::match_brute_force(frame.descriptors_view(), other.descriptors_view(), options, matches);
-  return static_cast<double>(matches.size()) / static_cast<double>(frame.size());
+  features::match_brute_force(corners, other.corner_descriptors(), options, matches);
+  return static_cast<double>(matches.size()) / static_cast<double>(corners.height);
 }
 
 }  // namespace dynslam::slam

@@ -5,7 +5,7 @@
 
 namespace dynslam::slam {
 
-/// Share of a frame's features, 0..1, that another frame shows as well: whose descriptor is, both
+/// Share of a frame's corners, 0..1, that another frame shows as well: whose descriptor is, both
 /// ways, the nearest and near enough to be the same. 0 for a frame without features. O(N x M).
 double similarity(const FrameFeatures& frame, const FrameFeatures& other);
 

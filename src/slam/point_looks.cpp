@@ -141,6 +141,7 @@ void LookFinder::add_feature(const MapPoint& point, const cv::KeyPoint& keypoint
   features.right_columns.push_back(
       static_cast<float>(camera_.right_column(keypoint.pt.x, static_cast<double>(depth))));
   features.colors.push_back(point.color);
+  ++features.sought;
 }
 
 std::vector<PointMatch> LookFinder::seek(const Map& map, const std::vector<SoughtPoint>& points,

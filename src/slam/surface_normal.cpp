@@ -9,9 +9,9 @@
 namespace dynslam::slam {
 namespace {
 
-constexpr int kSteps = 4;                     // of the grid, from its middle
+constexpr int kSteps = 4;  // of the grid, from its middle
 constexpr int kSamples = (2 * kSteps + 1) * (2 * kSteps + 1);
-constexpr double kFewest = 0.6 * kSamples;    // samples of a plane
+constexpr double kFewest = 0.6 * kSamples;  // samples of a plane
 // Inverse metres that samples may be off the plane, by round: a Kinect's noise is 0.002. The first
 // knows only how far the middle is.
 constexpr double kTolerances[] = {0.06, 0.02, 0.0075, 0.0075};

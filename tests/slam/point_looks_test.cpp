@@ -113,9 +113,7 @@ class PointLooks : public ::testing::Test {
     return median(errors);
   }
 
-  int align() {
-    return finder().align(map_, matches_, ids_, second_);
-  }
+  int align() { return finder().align(map_, matches_, ids_, second_); }
 
   LookFinder finder() const { return {camera_, builder_->scale_factors()}; }
 

@@ -17,8 +17,8 @@
 namespace dynslam::slam {
 namespace {
 
-constexpr double kDistance = 2.0;       // metres, of the plane before the first camera
-constexpr double kSlant = 0.9;          // radians
+constexpr double kDistance = 2.0;  // metres, of the plane before the first camera
+constexpr double kSlant = 0.9;     // radians
 constexpr double kTexelsAMetre = 400.0;
 
 class SlantedLooks : public ::testing::Test {

@@ -34,14 +34,22 @@ struct FrameFeatures {
   std::vector<cv::Vec3b> colors;        ///< N, BGR
   features::KeypointGrid grid;          ///< over the key points as they were found
   float masked_share = 0.0F;            ///< share of the image under the mask, 0..1
+  /// So many of them, the last, are no corners: points of the map were found by their looks there,
+  /// whose descriptors they have. 0 in features of stored maps.
+  std::size_t sought = 0;
 
   std::size_t size() const { return keypoints.size(); }
   const std::uint8_t* descriptor(std::size_t i) const {
     return descriptors.ptr<std::uint8_t>(static_cast<int>(i));
   }
-  DescriptorsView descriptors_view() const {
+  DescriptorsView descriptors_view() const { return first_descriptors(size()); }
+  /// Of the corners alone: what this image tells that the map does not.
+  DescriptorsView corner_descriptors() const { return first_descriptors(size() - sought); }
+
+ private:
+  DescriptorsView first_descriptors(std::size_t count) const {
     if (descriptors.empty()) return {};
-    return {descriptors.data, descriptors.cols, descriptors.rows,
+    return {descriptors.data, descriptors.cols, static_cast<int>(count),
             static_cast<std::ptrdiff_t>(descriptors.step[0])};
   }
 };

@@ -56,12 +56,14 @@ struct FrameResult {
   TrackingState state = TrackingState::kNotInitialized;
   std::optional<RigidTransform> T_world_cam;  ///< present unless lost or not initialized
   int features = 0;                           ///< found outside the mask
-  int inliers = 0;                            ///< of them, agreeing with the map
-  float masked_share = 0.0;                   ///< of the image, 0..1
-  int moving_features = 0;                    ///< let go because geometry says that they move
-  float moving_share = 0.0F;                  ///< of the image, by geometry, 0..1
-  bool keyframe = false;                      ///< the frame became a keyframe
-  std::size_t loops = 0;                      ///< closed so far
+  /// Points of the map that agree with the pose. More than features where points were found by
+  /// their looks that have no corner in this image.
+  int inliers = 0;
+  float masked_share = 0.0;    ///< of the image, 0..1
+  int moving_features = 0;     ///< let go because geometry says that they move
+  float moving_share = 0.0F;   ///< of the image, by geometry, 0..1
+  bool keyframe = false;       ///< the frame became a keyframe
+  std::size_t loops = 0;       ///< closed so far
   bool depth_aligned = false;  ///< too few features: the pose rests on the depth image as well
   StageTimes ms;
   BackgroundTimes background;  ///< finished since the last frame, on whichever thread
