@@ -1,5 +1,6 @@
 #include "point_looks.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <utility>
 
@@ -22,6 +23,14 @@ constexpr float kSameDepth = 0.05F;     // share that depths of one surface may 
 
 Eigen::Vector2f on_level(cv::Point2f pixel, float scale) {
   return {features::to_level(pixel.x, scale), features::to_level(pixel.y, scale)};
+}
+
+// Whether what is seen at a pixel is believed to stand still; without an opinion all is.
+bool is_trusted(const cv::Mat& cell_trust, cv::Point pixel) {
+  if (cell_trust.empty()) return true;
+  const int x = std::min(pixel.x / kSurfaceCell, cell_trust.cols - 1);
+  const int y = std::min(pixel.y / kSurfaceCell, cell_trust.rows - 1);
+  return cell_trust.at<float>(y, x) > 0.0F;
 }
 
 // How a step on the level of the frame looks on the look's, pixels of each; the surface faces the
@@ -158,9 +167,11 @@ std::vector<PointMatch> LookFinder::seek(const Map& map, const std::vector<Sough
     if (!expected) continue;
     const auto at = find_near(*point->look, *expected, expected->at, frame, octave);
     if (!at) continue;
-    const auto depth = frame.depth.at<float>(cvRound(at->y), cvRound(at->x));
+    const cv::Point pixel(cvRound(at->x), cvRound(at->y));
+    const auto depth = frame.depth.at<float>(pixel);
     const auto expected_depth = static_cast<float>((frame.T_cam_world * point->position).z());
     if (!(std::abs(depth - expected_depth) <= kSameDepth * expected_depth)) continue;
+    if (!is_trusted(frame.cell_trust, pixel)) continue;
     const cv::KeyPoint keypoint(*at, features::kOrbPatchSize * scale_factors_[octave], -1.0F, 0.0F,
                                 sought.octave);
     matches.push_back(

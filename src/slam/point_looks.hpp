@@ -52,7 +52,8 @@ class LookFinder {
   /// Finds points where no corner was, within a pixel of the level from where the pose tells, and
   /// adds a feature for each (TrackedFrame::add_sought), with the descriptor of the point and the
   /// depth that the frame has there. That has to be the point's within a twentieth: what hides it
-  /// is nearer, and masked places have none. Without a depth image nothing is found. Returns the
+  /// is nearer, and masked places have none. Where the frame has opinions on what stands still
+  /// (`cell_trust`) it has to be one that does. Without a depth image nothing is found. Returns the
   /// matches, with positions and weight 1. O(points), 0.3 us each.
   std::vector<PointMatch> seek(const Map& map, const std::vector<SoughtPoint>& points,
                                TrackedFrame& frame) const;

@@ -236,6 +236,19 @@ TEST_F(PointLooks, FindPointsWithoutACorner) {
   EXPECT_EQ(second_.points.size(), corners);
 }
 
+TEST_F(PointLooks, AreSoughtOnlyWhereThingsAreBelievedToStandStill) {
+  const cv::Size cells = second_.depth.size() / kSurfaceCell;
+  second_.cell_trust = cv::Mat(cells, CV_32FC1, cv::Scalar(0.5));
+  const int middle = cells.width / 2;
+  second_.cell_trust.colRange(0, middle).setTo(0.0F);
+  const std::vector<PointMatch> found = finder().seek(map_, all_points(), second_);
+  ASSERT_GT(found.size(), ids_.size() / 8);
+  for (const PointMatch& match : found) {
+    const cv::KeyPoint& keypoint = second_.features->keypoints[match.feature];
+    EXPECT_GE(cvRound(keypoint.pt.x), kSurfaceCell * middle);
+  }
+}
+
 TEST_F(PointLooks, AreNotSoughtWhereDepthIsAnothersOrMissing) {
   const std::size_t corners = second_.features->size();
   second_.depth *= 0.8;
