@@ -15,6 +15,7 @@ namespace {
 
 constexpr std::size_t kTrialKeyframes = 3;     // a young point is on trial for as many keyframes
 constexpr std::size_t kTrialObservations = 2;  // and must have been seen by as many of them
+constexpr float kBesidePoint = 3.0F;           // pixels of the level
 constexpr std::size_t kFuseNeighbours = 10;
 constexpr std::size_t kTriangulateNeighbours = 10;
 constexpr float kNewWeight = 0.5F;           // belief in a new point where movers are looked for
@@ -34,6 +35,20 @@ LocalMapper::LocalMapper(const DepthCamera& camera, const SystemOptions& options
       shared_(shared),
       fusion_(camera, scale_factors),
       triangulator_(camera, scale_factors) {}
+
+// A corner beside a point that was found by its look shows that point.
+bool LocalMapper::is_beside_found(const TrackedFrame& frame, std::size_t corner) const {
+  const FrameFeatures& features = *frame.features;
+  const cv::KeyPoint& at = features.keypoints[corner];
+  const float radius = kBesidePoint * scale_factors_[static_cast<std::size_t>(at.octave)];
+  bool beside = false;
+  features.grid.visit(at.pt, radius, [&](std::int32_t index) {
+    const auto i = static_cast<std::size_t>(index);
+    beside |= features.is_sought(i) && frame.points[i] != kNoId &&
+              std::abs(features.keypoints[i].octave - at.octave) <= 1;
+  });
+  return beside;
+}
 
 KeyframeId LocalMapper::insert(TrackedFrame& frame, std::size_t frame_index) {
   Map& map = shared_.map;
@@ -57,6 +72,7 @@ KeyframeId LocalMapper::insert(TrackedFrame& frame, std::size_t frame_index) {
       continue;
     }
     if (!(features.depths[i] > 0.0F) || frame.moving[i] != 0) continue;
+    if (features.is_sought(i) || is_beside_found(frame, i)) continue;
     const cv::Point2f pixel = features.keypoints[i].pt;
     MapPoint point;
     point.position = T_world_cam * camera_.unproject({pixel.x, pixel.y}, features.depths[i]);

@@ -22,8 +22,9 @@ class LocalMapper {
   LocalMapper(const DepthCamera& camera, const SystemOptions& options,
               const std::vector<float>& scale_factors, SharedMap& shared);
 
-  /// Makes a keyframe of a tracked frame: its matches become observations, its features with depth
-  /// become points. `frame.points` then holds the new points as well. The caller holds the map.
+  /// Makes a keyframe of a tracked frame: its matches become observations, its corners with depth
+  /// become points, but for those beside a point that was found by its look. `frame.points` then
+  /// holds the new points as well. The caller holds the map.
   KeyframeId insert(TrackedFrame& frame, std::size_t frame_index);
 
   /// Makes keyframes of the two frames that start a map without depth, and points of their matches;
@@ -40,6 +41,7 @@ class LocalMapper {
   void refine(KeyframeId keyframe, bool with_bundle, const std::atomic<bool>& stop);
 
  private:
+  bool is_beside_found(const TrackedFrame& frame, std::size_t corner) const;
   void drop_bad_points();
   void drop_unproven_points(KeyframeId keyframe);
   bool is_rarely_found(const MapPoint& point) const;

@@ -5,6 +5,8 @@
 
 #include <gtest/gtest.h>
 
+#include "dynslam/core/opencv.hpp"
+
 #include "map_check.hpp"
 #include "synthetic_map.hpp"
 
@@ -28,6 +30,37 @@ class LocalMapperTest : public ::testing::Test {
   std::atomic<bool> stop{false};
   LocalMapper mapper{world.camera, SystemOptions(), unit_scales(), world.shared};
 };
+
+TEST_F(LocalMapperTest, MakesNoSecondPointWhereOneWasFoundByItsLook) {
+  const DepthCamera& camera = world.camera;
+  const auto known_at = cv::Point2f(100.0F, 100.0F);
+  MapPoint known;
+  known.position = camera.unproject({100.0, 100.0}, 2.0);
+  const PointId id = map.add_point(std::move(known));
+  auto features = std::make_shared<FrameFeatures>();
+  enum : std::size_t { kBeside, kCoarse, kAlone, kFound, kRejected, kAll };
+  features->keypoints = {{known_at + cv::Point2f(2.0F, 0.0F), 31.0F, 0.0F, 1.0F, 0},
+                         {known_at, 31.0F, 0.0F, 1.0F, 2},
+                         {known_at + cv::Point2f(20.0F, 0.0F), 31.0F, 0.0F, 1.0F, 0},
+                         {known_at, 31.0F, -1.0F, 0.0F, 0},
+                         {known_at + cv::Point2f(50.0F, 0.0F), 31.0F, -1.0F, 0.0F, 0}};
+  features->sought = 2;
+  features->descriptors = cv::Mat::zeros(kAll, 32, CV_8U);
+  features->depths.assign(kAll, 2.0F);
+  features->right_columns.assign(kAll, 50.0F);
+  features->colors.resize(kAll);
+  features->grid.build(field(features->keypoints, &cv::KeyPoint::pt), camera.width, camera.height);
+  TrackedFrame frame;
+  frame.reset(features, 0.0);
+  frame.points[kFound] = id;
+  const Keyframe& keyframe = map.keyframe(mapper.insert(frame, 0));
+  EXPECT_EQ(keyframe.points[kBeside], kNoId);
+  EXPECT_NE(keyframe.points[kCoarse], kNoId) << "looks at more than that point";
+  EXPECT_NE(keyframe.points[kAlone], kNoId);
+  EXPECT_EQ(keyframe.points[kFound], id);
+  EXPECT_EQ(keyframe.points[kRejected], kNoId) << "it is no corner";
+  EXPECT_EQ(map.point(id).observations.size(), 1U);
+}
 
 TEST_F(LocalMapperTest, DropsAKeyframeThatHasLostItsPoints) {
   const KeyframeId first = look(0.0), second = look(90.0);

@@ -39,6 +39,8 @@ struct FrameFeatures {
   std::size_t sought = 0;
 
   std::size_t size() const { return keypoints.size(); }
+  /// Whether a feature is one of those.
+  bool is_sought(std::size_t i) const { return i >= size() - sought; }
   const std::uint8_t* descriptor(std::size_t i) const {
     return descriptors.ptr<std::uint8_t>(static_cast<int>(i));
   }
