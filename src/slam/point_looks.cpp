@@ -154,12 +154,13 @@ void LookFinder::add_feature(const MapPoint& point, const cv::KeyPoint& keypoint
 }
 
 std::vector<PointMatch> LookFinder::seek(const Map& map, const std::vector<SoughtPoint>& points,
-                                         TrackedFrame& frame) const {
+                                         std::size_t most, TrackedFrame& frame) const {
   std::vector<PointMatch> matches;
   if (frame.levels.empty() || frame.depth.empty()) return matches;
   auto features = std::make_shared<FrameFeatures>(*frame.features);
   features->descriptors = frame.features->descriptors.clone();
   for (const SoughtPoint& sought : points) {
+    if (matches.size() == most) break;
     const MapPoint* point = map.find_point(sought.id);
     if (point == nullptr) continue;
     const auto octave = static_cast<std::size_t>(sought.octave);

@@ -23,11 +23,13 @@ std::shared_ptr<const PointLook> point_look(const PinholeCamera& camera, const T
                                             std::size_t feature, const Eigen::Vector3d& position,
                                             const std::vector<float>& scale_factors);
 
-/// A point of the map that a frame should show, and on which level of its pyramid.
+/// A point of the map that a frame should show, on which level of its pyramid, and how many
+/// keyframes have seen it.
 struct SoughtPoint {
   std::uint32_t source = 0;  ///< the caller's index of the point
   PointId id = kNoId;
   int octave = 0;
+  std::size_t observations = 0;
 };
 
 /// Finds points in a frame by how they look in the map. Its pose has to be known to a few pixels.
@@ -49,14 +51,15 @@ class LookFinder {
   int align(const Map& map, const std::vector<PointMatch>& matches, const std::vector<PointId>& ids,
             TrackedFrame& frame) const;
 
-  /// Finds points where no corner was, within a pixel of the level from where the pose tells, and
-  /// adds a feature for each (TrackedFrame::add_sought), with the descriptor of the point and the
-  /// depth that the frame has there. That has to be the point's within a twentieth: what hides it
-  /// is nearer, and masked places have none. Where the frame has opinions on what stands still
+  /// Finds points, the first `most` of them, where no corner was, within a pixel of the level from
+  /// where the pose tells, and adds a feature for each (TrackedFrame::add_sought), with the
+  /// descriptor of the point and the depth that the frame has there. That has to be the point's
+  /// within a twentieth: what hides it is nearer, and masked places have none. Where the frame has
+  /// opinions on what stands still
   /// (`cell_trust`) it has to be one that does. Without a depth image nothing is found. Returns the
   /// matches, with positions and weight 1. O(points), 0.3 us each.
   std::vector<PointMatch> seek(const Map& map, const std::vector<SoughtPoint>& points,
-                               TrackedFrame& frame) const;
+                               std::size_t most, TrackedFrame& frame) const;
 
  private:
   // Where the look of a point is to be expected on a level of the frame, and how warped.

@@ -314,9 +314,15 @@ bool Tracker::match_looks(const Map& map, TrackedFrame& frame) {
   sought_.clear();
   for (std::uint32_t i = 0; i < predictions_.ids.size(); ++i) {
     if (predictions_.ids[i] == kNoId || taken_[i] != 0) continue;
-    sought_.push_back({i, predictions_.ids[i], predictions_.octaves[i]});
+    const PointId id = predictions_.ids[i];
+    sought_.push_back({i, id, predictions_.octaves[i], map.point(id).observations.size()});
   }
-  const std::vector<PointMatch> found = looks_.seek(map, sought_, frame);
+  // What is seen most is known best; what is left out long enough leaves the map.
+  std::stable_sort(sought_.begin(), sought_.end(), [](const SoughtPoint& a, const SoughtPoint& b) {
+    return a.observations > b.observations;
+  });
+  const auto most = static_cast<std::size_t>(options_.orb.max_features);  // as many again
+  const std::vector<PointMatch> found = looks_.seek(map, sought_, most, frame);
   for (PointMatch match : found) {
     match.weight =
         initial_weight(predictions_.weights[match.source], frame.staticness[match.feature]);

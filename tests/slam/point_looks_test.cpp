@@ -121,7 +121,7 @@ class PointLooks : public ::testing::Test {
   std::vector<SoughtPoint> all_points() const {
     std::vector<SoughtPoint> sought;
     for (std::uint32_t i = 0; i < ids_.size(); ++i) {
-      sought.push_back({i, ids_[i], first_->keypoints[i].octave});
+      sought.push_back({i, ids_[i], first_->keypoints[i].octave, 1});
     }
     return sought;
   }
@@ -134,7 +134,7 @@ class PointLooks : public ::testing::Test {
     return error_of(second_.features->keypoints[found.feature], truth->pixel);
   }
 
-  static constexpr std::size_t kFirst = 40;
+  static constexpr std::size_t kFirst = 40, kAll = 100000;
   std::size_t second_index_ = 0;
   std::unique_ptr<dataset::RenderedScene> rendered_;
   DepthCamera camera_;
@@ -216,7 +216,7 @@ TEST_F(PointLooks, AreFoundBesideTheWrongCorner) {
 TEST_F(PointLooks, FindPointsWithoutACorner) {
   const std::size_t corners = second_.features->size();
   const FrameFeaturesPtr before = second_.features;
-  const std::vector<PointMatch> found = finder().seek(map_, all_points(), second_);
+  const std::vector<PointMatch> found = finder().seek(map_, all_points(), kAll, second_);
   ASSERT_GT(found.size(), ids_.size() / 2);
   ASSERT_EQ(second_.features->size(), corners + found.size());
   EXPECT_EQ(second_.features->grid.size(), corners + found.size());
@@ -241,7 +241,7 @@ TEST_F(PointLooks, AreSoughtOnlyWhereThingsAreBelievedToStandStill) {
   second_.cell_trust = cv::Mat(cells, CV_32FC1, cv::Scalar(0.5));
   const int middle = cells.width / 2;
   second_.cell_trust.colRange(0, middle).setTo(0.0F);
-  const std::vector<PointMatch> found = finder().seek(map_, all_points(), second_);
+  const std::vector<PointMatch> found = finder().seek(map_, all_points(), kAll, second_);
   ASSERT_GT(found.size(), ids_.size() / 8);
   for (const PointMatch& match : found) {
     const cv::KeyPoint& keypoint = second_.features->keypoints[match.feature];
@@ -252,13 +252,13 @@ TEST_F(PointLooks, AreSoughtOnlyWhereThingsAreBelievedToStandStill) {
 TEST_F(PointLooks, AreNotSoughtWhereDepthIsAnothersOrMissing) {
   const std::size_t corners = second_.features->size();
   second_.depth *= 0.8;
-  EXPECT_TRUE(finder().seek(map_, all_points(), second_).empty());
+  EXPECT_TRUE(finder().seek(map_, all_points(), kAll, second_).empty());
   second_.depth.setTo(std::numeric_limits<float>::quiet_NaN());
-  EXPECT_TRUE(finder().seek(map_, all_points(), second_).empty());
+  EXPECT_TRUE(finder().seek(map_, all_points(), kAll, second_).empty());
   second_.depth.setTo(0.0F);  // as under a mask
-  EXPECT_TRUE(finder().seek(map_, all_points(), second_).empty());
+  EXPECT_TRUE(finder().seek(map_, all_points(), kAll, second_).empty());
   second_.depth.release();
-  EXPECT_TRUE(finder().seek(map_, all_points(), second_).empty());
+  EXPECT_TRUE(finder().seek(map_, all_points(), kAll, second_).empty());
   EXPECT_EQ(second_.features->size(), corners);
   EXPECT_EQ(second_.corners, nullptr);
 }

@@ -87,7 +87,7 @@ class SlantedLooks : public ::testing::Test {
                                static_cast<double>(keypoint.pt.y));
       point.look = point_look(camera_, frame, i, point.position, builder_.scale_factors());
       if (point.look == nullptr) continue;
-      sought_.push_back({static_cast<std::uint32_t>(sought_.size()), kNoId, keypoint.octave});
+      sought_.push_back({static_cast<std::uint32_t>(sought_.size()), kNoId, keypoint.octave, 1});
       sought_.back().id = map_.add_point(std::move(point));
     }
   }
@@ -98,7 +98,7 @@ class SlantedLooks : public ::testing::Test {
   };
   Found seek() {
     const LookFinder finder(camera_, builder_.scale_factors());
-    const std::vector<PointMatch> matches = finder.seek(map_, sought_, second_);
+    const std::vector<PointMatch> matches = finder.seek(map_, sought_, sought_.size(), second_);
     std::vector<double> errors;
     for (const PointMatch& match : matches) {
       const cv::KeyPoint& keypoint = second_.features->keypoints[match.feature];
