@@ -33,8 +33,11 @@ constexpr double kContradicted = 2.0;   // times as much weight agrees without w
 constexpr double kAgrees = 0.15;        // log-odds of standing still that a fitting match adds
 constexpr double kUsualStep = 0.1;      // seconds; the longer, the more it says
 constexpr double kMostSteps = 10.0;     // and at most as many times
-constexpr double kDisagrees = -1.0;     // and one that does not
-constexpr double kSurest = 4.0;         // most that is remembered
+// Seconds between frames, beyond which no points are sought without a corner: few keyframes have
+// seen them, from far apart. (fr3_cabinet, 1.5 Hz, has up to 0.1 m with them.)
+constexpr double kSeekingStep = 0.3;
+constexpr double kDisagrees = -1.0;  // and one that does not
+constexpr double kSurest = 4.0;      // most that is remembered
 
 // Squared, of two poses, by what aligned surfaces may be off.
 double distance(const RigidTransform& a, const RigidTransform& b) {
@@ -309,6 +312,7 @@ int Tracker::track_local_map(Map& map, KeyframeId reference, TrackedFrame& frame
 bool Tracker::match_looks(const Map& map, TrackedFrame& frame) {
   const ScopedTimer timer(times_.match);
   const bool aligned = looks_.align(map, matches_, predictions_.ids, frame) > 0;
+  if (step_ > kSeekingStep) return aligned;
   taken_.assign(predictions_.ids.size(), 0);
   for (const PointMatch& match : matches_) taken_[match.source] = 1;
   sought_.clear();
