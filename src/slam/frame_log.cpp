@@ -62,11 +62,24 @@ void FrameLog::rescale(const std::function<double(KeyframeId)>& factor) {
   }
 }
 
+KeyframeId FrameLog::reference_of(std::size_t index) const {
+  const KeyframeId keyframe = records_[index].reference;
+  return keyframe == kWorld ? kNoId : keyframe;
+}
+
+std::optional<RigidTransform> FrameLog::pose(const Map& map, std::size_t index) const {
+  if (reference_of(index) == kNoId) return std::nullopt;
+  return pose_of(map, records_[index]);
+}
+
+void FrameLog::set_pose(const Map& map, std::size_t index, const RigidTransform& T_cam_world) {
+  Record& record = records_[index];
+  record.T_cam_reference = T_cam_world * map.keyframe(record.reference).T_cam_world.inverse();
+}
+
 std::optional<RigidTransform> FrameLog::last_pose(const Map& map) const {
   if (records_.empty()) return std::nullopt;
-  const Record& last = records_.back();
-  if (last.reference == kNoId || last.reference == kWorld) return std::nullopt;
-  return pose_of(map, last);
+  return pose(map, records_.size() - 1);
 }
 
 std::optional<RigidTransform> FrameLog::latest_pose(const Map& map) const {

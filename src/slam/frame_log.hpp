@@ -38,6 +38,13 @@ class FrameLog {
   /// By how much lengths around the last frame have grown since this was last asked.
   double take_scale() { return std::exchange(scale_, 1.0); }
 
+  /// T_cam_world of a frame by its running number, under the present map, if it has one.
+  std::optional<RigidTransform> pose(const Map& map, std::size_t index) const;
+  /// Gives a frame that has a pose under the present map another, T_cam_world.
+  void set_pose(const Map& map, std::size_t index, const RigidTransform& T_cam_world);
+  /// The keyframe that a frame hangs on; kNoId if it has no pose under the present map.
+  KeyframeId reference_of(std::size_t index) const;
+
   std::size_t size() const { return records_.size(); }
   bool empty() const { return records_.empty(); }
   double last_timestamp() const { return records_.back().timestamp; }

@@ -270,22 +270,25 @@ void Tracker::predict_from_map(const RigidTransform& T_cam_world, double radius)
   }
 }
 
-int Tracker::track_local_map(Map& map, KeyframeId reference, TrackedFrame& frame, bool wide) {
-  {
-    const ScopedTimer timer(times_.match);
-    local_map_.collect(map, frame.points, reference, options_.local_keyframes);
-    taken_ = frame.moving;
-    predict_from_map(frame.T_cam_world, options_.map_radius * (wide ? 2.0 : 1.0));
-    match_predictions(local_map_.descriptors_view(), 0.8F, frame);
-    std::fill(frame.points.begin(), frame.points.end(), kNoId);
-    matches_.clear();
-    for (const Match& match : found_) {
-      const auto source = static_cast<std::uint32_t>(match.query);
-      const auto feature = static_cast<std::uint32_t>(match.train);
-      matches_.push_back({source, feature, predictions_.positions[source],
-                          initial_weight(predictions_.weights[source], frame.staticness[feature])});
-    }
+void Tracker::match_local_map(const Map& map, KeyframeId reference, TrackedFrame& frame,
+                              bool wide) {
+  const ScopedTimer timer(times_.match);
+  local_map_.collect(map, frame.points, reference, options_.local_keyframes);
+  taken_ = frame.moving;
+  predict_from_map(frame.T_cam_world, options_.map_radius * (wide ? 2.0 : 1.0));
+  match_predictions(local_map_.descriptors_view(), 0.8F, frame);
+  std::fill(frame.points.begin(), frame.points.end(), kNoId);
+  matches_.clear();
+  for (const Match& match : found_) {
+    const auto source = static_cast<std::uint32_t>(match.query);
+    const auto feature = static_cast<std::uint32_t>(match.train);
+    matches_.push_back({source, feature, predictions_.positions[source],
+                        initial_weight(predictions_.weights[source], frame.staticness[feature])});
   }
+}
+
+int Tracker::track_local_map(Map& map, KeyframeId reference, TrackedFrame& frame, bool wide) {
+  match_local_map(map, reference, frame, wide);
   if (static_cast<int>(matches_.size()) < options_.min_inliers && !prior_) return 0;
   if (geometry_) prefer_proven(frame.T_cam_world);
   if (wide) motion_.forget_prediction();

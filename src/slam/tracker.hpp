@@ -50,6 +50,16 @@ class Tracker {
   /// were.
   int track_local_map(Map& map, KeyframeId reference, TrackedFrame& frame, bool wide);
 
+  /// The map points that features of the frame that was tracked last were matched with, by feature,
+  /// whether or not they agreed; kNoId = none.
+  std::vector<PointId> matched_points(std::size_t features) const;
+
+  /// Pose of an earlier frame once more, from the points that it was matched with (`points`, by
+  /// feature) as the map has them now, without those that are known to move. A frame that has its
+  /// images still is then matched anew with what the map offers around `reference`. False, with the
+  /// pose as it was, if too few agree. Leaves map, noise and motion as they are.
+  bool estimate_again(const Map& map, KeyframeId reference, TrackedFrame& frame);
+
   /// Pose of a frame from the looks of it: matches descriptors with a keyframe's points and solves
   /// PnP. Fills pose and points; false if too few agree.
   bool match_keyframe(const Map& map, KeyframeId keyframe, TrackedFrame& frame);
@@ -134,6 +144,8 @@ class Tracker {
   void predict_from_last(const Map& map, const TrackedFrame& last, double radius,
                          const RigidTransform& T_cam_world);
   void predict_from_map(const RigidTransform& T_cam_world, double radius);
+  /// Fills `matches_` with the points of the local map that are found.
+  void match_local_map(const Map& map, KeyframeId reference, TrackedFrame& frame, bool wide);
   void match_predictions(DescriptorsView descriptors, float ratio, const TrackedFrame& frame);
   bool solve_pnp(const std::vector<Eigen::Vector3d>& points, const FrameFeatures& features,
                  const std::vector<Match>& matches, RigidTransform& T_cam_world,
@@ -156,6 +168,11 @@ class Tracker {
   /// Moves the key points of `matches_` to where their points look as they do in the map, and seeks
   /// the points without a match by their looks; true if `matches_` changed by that.
   bool match_looks(const Map& map, TrackedFrame& frame);
+  /// Fills `matches_` with what an earlier frame was matched with then.
+  void recall_matches(const Map& map, const TrackedFrame& frame);
+  /// Optimizes the pose of an earlier frame over `matches_`, without what is known to move; false
+  /// if too few agree.
+  bool solve_again(TrackedFrame& frame);
   double agreeing_weight() const;
   /// What the motion so far and the alignment of surfaces say of the pose together.
   std::optional<factors::PosePrior> expected_motion();

@@ -28,7 +28,6 @@ constexpr double kMaxAcceleration = 50.0;      // m/s^2
 constexpr double kMaxTurn = 200.0;             // rad/s^2
 constexpr double kPoseNoise = 0.03;            // share of the median depth, and radians
 constexpr double kUnknownVelocity = 2.0;       // by which more it may have gone from one unknown
-constexpr float kUnknownPoint = 0.5F;          // belief in a point of which nothing is known
 constexpr int kWantedPoints = 100;             // a frame that tracks fewer, and could have
 constexpr int kSparePoints = 70;               // so many more, becomes a keyframe
 constexpr std::size_t kComparedKeyframes = 3;  // that a frame must look unlike to be new
@@ -46,14 +45,6 @@ TrackingSession::TrackingSession(const DepthCamera& camera, const SystemOptions&
       tracks_(camera, builder.scale_factors()),
       movers_(camera),
       second_look_(camera) {}
-
-template <typename Work>
-void TrackingSession::without_map(TrackingLock& lock, const Work& work) {
-  lock.unlock();
-  work();
-  lock.lock();
-  follow_corrections();
-}
 
 // A map that was corrected as a whole takes the poses along that are kept outside of it.
 void TrackingSession::follow_corrections() {
@@ -106,6 +97,7 @@ bool TrackingSession::initialize(FrameResult& result, TrackingLock& lock) {
   if (with_depth < kMinFirstPoints) return false;
   current_.T_cam_world = T_cam_origin_;
   make_keyframe(result, lock);
+  past_.begin(current_.timestamp);
   if (options_.geometry) second_look_.begin(current_, last_keyframe());
   return true;
 }
@@ -198,6 +190,7 @@ void TrackingSession::restart_if_hopeless() {
   movers_.clear();
   tracks_.clear();
   second_look_.cancel();
+  past_.clear();
   state_ = TrackingState::kNotInitialized;
 }
 
@@ -352,67 +345,6 @@ bool TrackingSession::locate(FrameResult& result, TrackingLock& lock) {
   return false;
 }
 
-// What is known of the time since then rests on poses that are wrong. The points of the keyframe
-// do not: they come from its own depth image.
-void TrackingSession::forget_since_first_look(const RigidTransform& T_cam_world) {
-  Map& map = shared_.map;
-  const double began = second_look_.first().timestamp, now = current_.timestamp;
-  const LastKeyframe last = second_look_.keyframe();
-  const auto pose = [&](double timestamp) {
-    return second_look_.between(timestamp, now, T_cam_world);
-  };
-  shared_.log.repose(map, began, last.id, pose);
-  shared_.log.reference = last.id;
-  for (const KeyframeId id : map.keyframe_ids()) {
-    if (map.keyframe(id).number < last.made) continue;
-    shared_.log.release(map, id, last.id);  // earlier frames may have come to hang on it
-    map.erase_keyframe(id);
-  }
-  for (const PointId id : map.point_ids()) {
-    MapPoint& point = map.point(id);
-    point.static_weight = std::min(kUnknownPoint, point.static_weight);
-    point.visible = point.found = 1;
-  }
-  corrections_ = ++shared_.corrections;
-  movers_.repose(began, pose);
-  tracks_.repose(began, pose);
-}
-
-LastKeyframe TrackingSession::last_keyframe() const {
-  return {shared_.log.reference, shared_.map.keyframes_made()};
-}
-
-bool TrackingSession::look_back(FrameResult& result, TrackingLock& lock) {
-  if (!options_.geometry || options_.localize_only || current_.depth.empty()) return false;
-  const double now = current_.timestamp;
-  // What was recognized by its looks need not be where it was expected.
-  if (state_ != TrackingState::kTracked || second_look_.is_over(now)) {
-    second_look_.begin_anew(current_, last_keyframe());
-    return false;
-  }
-  if (!second_look_.is_due(now)) return false;
-  std::optional<RigidTransform> T_cam_world;
-  {
-    const ScopedTimer timer(result.ms.geometry);
-    without_map(lock, [&] {
-      const auto motions = tracker_.guess_by_descriptors(second_look_.first(), current_);
-      T_cam_world = second_look_.contradict(motions, current_);
-    });
-  }
-  // The map may have been corrected, and the keyframe dropped, meanwhile.
-  if (shared_.map.find_keyframe(second_look_.keyframe().id) == nullptr) second_look_.cancel();
-  if (!T_cam_world || second_look_.is_cancelled()) return false;
-  forget_since_first_look(*T_cam_world);
-  corrected_velocity_ = second_look_.velocity(now, *T_cam_world);
-  tracker_.forget_alignment();
-  current_.start_over();
-  current_.T_cam_world = *T_cam_world;
-  find_movers(result, lock);
-  result.inliers = tracker_.track_local_map(shared_.map, shared_.log.reference, current_, true);
-  if (result.inliers < options_.tracking.min_inliers) current_.T_cam_world = *T_cam_world;
-  return true;
-}
-
 void TrackingSession::step(FrameResult& result) {
   TrackingLock lock(shared_.mutex);
   follow_corrections();
@@ -438,6 +370,7 @@ void TrackingSession::step(FrameResult& result) {
   }
   result.ms.match = times.match;
   result.ms.optimize = times.optimize;
+  revise_past(result, located);
   current_.drop_sought();
   if (located) result.T_world_cam = current_.T_cam_world.inverse();
   if (located && options_.geometry && !current_.depth.empty()) {

@@ -14,6 +14,7 @@
 #include "frame_builder.hpp"
 #include "mono_initializer.hpp"
 #include "mover_detector.hpp"
+#include "past_frames.hpp"
 #include "second_look.hpp"
 #include "shared_map.hpp"
 #include "tracked_frame.hpp"
@@ -58,6 +59,8 @@ class TrackingSession {
   LastKeyframe last_keyframe() const;
   void forget_since_first_look(const RigidTransform& T_cam_world);
   void update_velocity();
+  /// Estimates frames of a second ago once more, and keeps this one for that.
+  void revise_past(FrameResult& result, bool located);
   void follow_corrections();
   template <typename Work>
   void without_map(TrackingLock& lock, const Work& work);
@@ -71,6 +74,7 @@ class TrackingSession {
   FeatureTracks tracks_;
   MoverDetector movers_;
   SecondLook second_look_;
+  PastFrames past_;
   TrackedFrame current_, last_;
   TrackingState state_ = TrackingState::kNotInitialized;
   std::size_t frames_since_keyframe_ = 0;
@@ -86,5 +90,13 @@ class TrackingSession {
   std::size_t told_loops_ = 0;                  // and the loops beside it
   std::uint64_t corrections_ = 0;               // of the map that the poses kept here know of
 };
+
+template <typename Work>
+void TrackingSession::without_map(TrackingLock& lock, const Work& work) {
+  lock.unlock();
+  work();
+  lock.lock();
+  follow_corrections();
+}
 
 }  // namespace dynslam::slam
