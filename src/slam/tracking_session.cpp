@@ -24,12 +24,15 @@ constexpr double kRestartAfter = 1.0;  // seconds lost after which a map of few 
 constexpr std::size_t kRestartKeyframes = 3;
 // What takes a camera farther from where it was expected is no motion: five g and a flick of the
 // wrist, beside errors of the pose, which grow with the distance of what is seen.
-constexpr double kMaxAcceleration = 50.0;      // m/s^2
-constexpr double kMaxTurn = 200.0;             // rad/s^2
-constexpr double kPoseNoise = 0.03;            // share of the median depth, and radians
-constexpr double kUnknownVelocity = 2.0;       // by which more it may have gone from one unknown
-constexpr int kWantedPoints = 100;             // a frame that tracks fewer, and could have
-constexpr int kSparePoints = 70;               // so many more, becomes a keyframe
+constexpr double kMaxAcceleration = 50.0;  // m/s^2
+constexpr double kMaxTurn = 200.0;         // rad/s^2
+constexpr double kPoseNoise = 0.03;        // share of the median depth, and radians
+constexpr double kUnknownVelocity = 2.0;   // by which more it may have gone from one unknown
+constexpr int kWantedPoints = 100;         // a frame that tracks fewer, and could have
+constexpr int kSparePoints = 70;           // so many more, becomes a keyframe
+// Or that tracks less than this share of the features there are to be, and could have twice as
+// many: the keyframes around were full of what has turned out to move.
+constexpr double kThinShare = 0.3;
 constexpr std::size_t kComparedKeyframes = 3;  // that a frame must look unlike to be new
 
 }  // namespace
@@ -220,11 +223,14 @@ bool TrackingSession::wants_keyframe(int inliers) const {
     const MapPoint* point = map.find_point(id);
     if (point != nullptr && point->observations.size() >= min_observations) ++reference_points;
   }
-  int spare = 0;
+  int spare = 0, still = 0;
   for (std::size_t i = 0; i < current_.points.size(); ++i) {
-    if (current_.points[i] == kNoId && current_.features->depths[i] > 0.0F) ++spare;
+    if (current_.points[i] != kNoId || !(current_.features->depths[i] > 0.0F)) continue;
+    ++spare;
+    if (current_.moving[i] == 0 && current_.rejected[i] == 0) ++still;
   }
   if (inliers < kWantedPoints && spare > kSparePoints) return true;
+  if (inliers < kThinShare * options_.tracking.orb.max_features && still > inliers) return true;
   if (options_.mapping.keyframe_similarity > 0.0) return looks_new();
   const double share = options_.sensor == Sensor::kMono ? options_.mapping.mono_keyframe_share
                                                         : options_.mapping.keyframe_share;
