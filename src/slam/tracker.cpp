@@ -328,7 +328,7 @@ bool Tracker::match_looks(const Map& map, TrackedFrame& frame) {
   std::stable_sort(sought_.begin(), sought_.end(), [](const SoughtPoint& a, const SoughtPoint& b) {
     return a.observations > b.observations;
   });
-  const auto most = static_cast<std::size_t>(options_.orb.max_features);  // as many again
+  const std::size_t most = frame.features->size();  // as many again; more where much is hidden
   const std::vector<PointMatch> found = looks_.seek(map, sought_, most, frame);
   for (PointMatch match : found) {
     match.weight =

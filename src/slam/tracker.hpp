@@ -51,7 +51,8 @@ class Tracker {
   int track_local_map(Map& map, KeyframeId reference, TrackedFrame& frame, bool wide);
 
   /// The map points that features of the frame that was tracked last were matched with, by feature,
-  /// whether or not they agreed; kNoId = none.
+  /// whether or not they agreed; kNoId = none. Of the first `features` of them: sought ones may
+  /// have been let go of.
   std::vector<PointId> matched_points(std::size_t features) const;
 
   /// Pose of an earlier frame once more, from the points that it was matched with (`points`, by

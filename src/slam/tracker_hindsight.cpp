@@ -14,7 +14,7 @@ constexpr int kPlenty = 3;         // times as many inliers as a frame needs to 
 std::vector<PointId> Tracker::matched_points(std::size_t features) const {
   std::vector<PointId> points(features, kNoId);
   for (const PointMatch& match : matches_) {
-    points[match.feature] = predictions_.ids[match.source];
+    if (match.feature < features) points[match.feature] = predictions_.ids[match.source];
   }
   return points;
 }
