@@ -30,9 +30,10 @@ constexpr double kPoseNoise = 0.03;        // share of the median depth, and rad
 constexpr double kUnknownVelocity = 2.0;   // by which more it may have gone from one unknown
 constexpr int kWantedPoints = 100;         // a frame that tracks fewer, and could have
 constexpr int kSparePoints = 70;           // so many more, becomes a keyframe
-// Or that tracks less than this share of the features there are to be, and could have twice as
-// many: the keyframes around were full of what has turned out to move.
+// Or, in a map of few keyframes, that tracks less than this share of the features there are to be,
+// and could have twice as many: those keyframes were full of what has turned out to move.
 constexpr double kThinShare = 0.3;
+constexpr std::size_t kYoungKeyframes = 3;
 constexpr std::size_t kComparedKeyframes = 3;  // that a frame must look unlike to be new
 
 }  // namespace
@@ -230,7 +231,8 @@ bool TrackingSession::wants_keyframe(int inliers) const {
     if (current_.moving[i] == 0 && current_.rejected[i] == 0) ++still;
   }
   if (inliers < kWantedPoints && spare > kSparePoints) return true;
-  if (inliers < kThinShare * options_.tracking.orb.max_features && still > inliers) return true;
+  const bool thin = inliers < kThinShare * options_.tracking.orb.max_features;
+  if (thin && still > inliers && map.keyframes_made() <= kYoungKeyframes) return true;
   if (options_.mapping.keyframe_similarity > 0.0) return looks_new();
   const double share = options_.sensor == Sensor::kMono ? options_.mapping.mono_keyframe_share
                                                         : options_.mapping.keyframe_share;
