@@ -130,7 +130,10 @@ using detail::WindowTemplate;
 constexpr int kPixels = kWindow * kWindow;
 constexpr float kMiddle = 0.5F * static_cast<float>(kWindow - 1);  // of the window, its pixels
 constexpr float kMargin = 0.01F;                                   // pixels of a patch
-constexpr float kSettled = 0.02F;  // pixels: a shorter step is the last
+constexpr float kDegrees =
+    static_cast<float>(kPixels - 4);     // of freedom: place, brightness, contrast
+constexpr float kLeastVariance = 1e-6F;  // pixels^2 of a level
+constexpr float kSettled = 0.02F;        // pixels: a shorter step is the last
 
 // The patch as the level should show it; false if the window leaves the patch.
 bool warp(const Patch& patch, const Eigen::Matrix2f& A, RimmedWindow& window) {
@@ -226,7 +229,9 @@ PatchAlignment align_patch(const Patch& patch, const Eigen::Matrix2f& A_patch_le
     if (step.head<2>().squaredNorm() > kSettled * kSettled) continue;
     const float unlike = sums.rr - sums.r * sums.r / static_cast<float>(kPixels) - b.dot(step);
     const bool alike = unlike <= options.max_unlike * H(2, 2);
-    return {alike ? PatchStatus::kAligned : PatchStatus::kUnlike, at};
+    const float variance = 0.5F * (inverse(0, 0) + inverse(1, 1)) * unlike / kDegrees;
+    return {alike ? PatchStatus::kAligned : PatchStatus::kUnlike, at,
+            std::sqrt(std::max(variance, kLeastVariance))};
   }
   return {PatchStatus::kAstray, at};
 }

@@ -92,6 +92,7 @@ void MapBundle::add_observations(const Map& map, const std::vector<float>& scale
       observation.right_column = features.right_columns[o.feature];
       observation.inverse_sigma = 1.0F / scale_factors[static_cast<std::size_t>(keypoint.octave)];
       observation.weight = point.static_weight;
+      alignment_sigmas_.push_back(features.alignment_sigma(o.feature));
       observations_.push_back(observation);
     }
     positions_.push_back(point.position);
@@ -101,9 +102,10 @@ void MapBundle::add_observations(const Map& map, const std::vector<float>& scale
 // Before anything is moved.
 FeatureNoise MapBundle::noise(const DepthCamera& camera) const {
   ResidualNoise residuals;
-  for (const factors::BundleObservation& o : observations_) {
+  for (std::size_t i = 0; i < observations_.size(); ++i) {
+    const factors::BundleObservation& o = observations_[i];
     residuals.add(camera, poses_[o.keyframe] * positions_[o.point], {o.u, o.v}, o.right_column,
-                  o.inverse_sigma);
+                  o.inverse_sigma, alignment_sigmas_[i]);
   }
   return residuals.to_weigh_by();
 }
@@ -112,7 +114,9 @@ bool MapBundle::solve(const DepthCamera& camera, factors::BundleWorkspace& works
                       const std::atomic<bool>& stop) {
   inliers_.assign(observations_.size(), 0);
   const FeatureNoise seen = noise(camera);
-  for (factors::BundleObservation& o : observations_) {  // the unit is the noise of key points
+  for (std::size_t i = 0; i < observations_.size(); ++i) {  // the unit is the noise of key points
+    factors::BundleObservation& o = observations_[i];
+    o.inverse_sigma /= static_cast<float>(seen.relative(alignment_sigmas_[i]));
     o.right_inverse_sigma =
         static_cast<float>(seen.pixels * seen.right_inverse_sigma(1.0 / o.inverse_sigma));
   }

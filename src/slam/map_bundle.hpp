@@ -59,6 +59,7 @@ class MapBundle {
   std::vector<std::uint8_t> fixed_;
   std::vector<Eigen::Vector3d> positions_;
   std::vector<factors::BundleObservation> observations_;
+  std::vector<float> alignment_sigmas_;  // by observation
   std::vector<std::uint8_t> inliers_;
 };
 

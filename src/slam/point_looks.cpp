@@ -97,20 +97,22 @@ std::optional<LookFinder::Expected> LookFinder::expect(const MapPoint& point,
   return Expected{*A, on_level({pixel.x(), pixel.y()}, scale)};
 }
 
-std::optional<cv::Point2f> LookFinder::find_near(const PointLook& look, const Expected& expected,
-                                                 const Eigen::Vector2f& start,
-                                                 const TrackedFrame& frame,
-                                                 std::size_t octave) const {
+std::optional<LookFinder::Found> LookFinder::find_near(const PointLook& look,
+                                                       const Expected& expected,
+                                                       const Eigen::Vector2f& start,
+                                                       const TrackedFrame& frame,
+                                                       std::size_t octave) const {
   const features::PatchAlignment found =
       features::align_patch(look.patch, expected.A_look_level, frame.levels[octave], start);
   if (!found.ok()) return std::nullopt;
   const float scale = scale_factors_[octave];
-  return cv::Point2f(features::from_level(found.at.x(), scale),
-                     features::from_level(found.at.y(), scale));
+  const cv::Point2f at(features::from_level(found.at.x(), scale),
+                       features::from_level(found.at.y(), scale));
+  return Found{at, found.sigma};
 }
 
-std::optional<cv::Point2f> LookFinder::find(const MapPoint& point, const TrackedFrame& frame,
-                                            const cv::KeyPoint& keypoint) const {
+std::optional<LookFinder::Found> LookFinder::find(const MapPoint& point, const TrackedFrame& frame,
+                                                  const cv::KeyPoint& keypoint) const {
   const auto octave = static_cast<std::size_t>(keypoint.octave);
   const auto expected = expect(point, frame, octave);
   if (!expected) return std::nullopt;
@@ -124,7 +126,7 @@ std::optional<cv::Point2f> LookFinder::find(const MapPoint& point, const Tracked
 int LookFinder::align(const Map& map, const std::vector<PointMatch>& matches,
                       const std::vector<PointId>& ids, TrackedFrame& frame) const {
   if (frame.levels.empty()) return 0;
-  std::vector<std::pair<std::uint32_t, cv::Point2f>> found;
+  std::vector<std::pair<std::uint32_t, Found>> found;
   for (const PointMatch& match : matches) {
     const MapPoint* point = map.find_point(ids[match.source]);
     if (point == nullptr) continue;
@@ -133,23 +135,26 @@ int LookFinder::align(const Map& map, const std::vector<PointMatch>& matches,
   }
   if (found.empty()) return 0;
   auto features = std::make_shared<FrameFeatures>(*frame.features);
-  for (const auto& [feature, at] : found) {
+  features->alignment_sigmas.resize(features->size(), 0.0F);
+  for (const auto& [feature, place] : found) {
     cv::Point2f& pixel = features->keypoints[feature].pt;
-    features->right_columns[feature] += at.x - pixel.x;  // the disparity is the same
-    pixel = at;
+    features->right_columns[feature] += place.at.x - pixel.x;  // the disparity is the same
+    pixel = place.at;
+    features->alignment_sigmas[feature] = place.sigma;
   }
   frame.features = std::move(features);
   return static_cast<int>(found.size());
 }
 
 void LookFinder::add_feature(const MapPoint& point, const cv::KeyPoint& keypoint, float depth,
-                             FrameFeatures& features) const {
+                             float sigma, FrameFeatures& features) const {
   features.keypoints.push_back(keypoint);
   features.descriptors.push_back(cv::Mat(point.descriptor).reshape(1, 1));
   features.depths.push_back(depth);
   features.right_columns.push_back(
       static_cast<float>(camera_.right_column(keypoint.pt.x, static_cast<double>(depth))));
   features.colors.push_back(point.color);
+  features.alignment_sigmas.push_back(sigma);
   ++features.sought;
 }
 
@@ -159,6 +164,7 @@ std::vector<PointMatch> LookFinder::seek(const Map& map, const std::vector<Sough
   if (frame.levels.empty() || frame.depth.empty()) return matches;
   auto features = std::make_shared<FrameFeatures>(*frame.features);
   features->descriptors = frame.features->descriptors.clone();
+  features->alignment_sigmas.resize(features->size(), 0.0F);
   for (const SoughtPoint& sought : points) {
     if (matches.size() == most) break;
     const MapPoint* point = map.find_point(sought.id);
@@ -166,18 +172,18 @@ std::vector<PointMatch> LookFinder::seek(const Map& map, const std::vector<Sough
     const auto octave = static_cast<std::size_t>(sought.octave);
     const auto expected = expect(*point, frame, octave);
     if (!expected) continue;
-    const auto at = find_near(*point->look, *expected, expected->at, frame, octave);
-    if (!at) continue;
-    const cv::Point pixel(cvRound(at->x), cvRound(at->y));
+    const auto found = find_near(*point->look, *expected, expected->at, frame, octave);
+    if (!found) continue;
+    const cv::Point pixel(cvRound(found->at.x), cvRound(found->at.y));
     const auto depth = frame.depth.at<float>(pixel);
     const auto expected_depth = static_cast<float>((frame.T_cam_world * point->position).z());
     if (!(std::abs(depth - expected_depth) <= kSameDepth * expected_depth)) continue;
     if (!is_trusted(frame.cell_trust, pixel)) continue;
-    const cv::KeyPoint keypoint(*at, features::kOrbPatchSize * scale_factors_[octave], -1.0F, 0.0F,
-                                sought.octave);
+    const cv::KeyPoint keypoint(found->at, features::kOrbPatchSize * scale_factors_[octave], -1.0F,
+                                0.0F, sought.octave);
     matches.push_back(
         {sought.source, static_cast<std::uint32_t>(features->size()), point->position, 1.0F});
-    add_feature(*point, keypoint, depth, *features);
+    add_feature(*point, keypoint, depth, found->sigma, *features);
   }
   if (matches.empty()) return matches;
   features->grid.build(field(features->keypoints, &cv::KeyPoint::pt), camera_.width,

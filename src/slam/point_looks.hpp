@@ -46,7 +46,8 @@ class LookFinder {
   /// the points ids[match.source]. Features are shared and never change, so those of the frame are
   /// replaced. Key points stay whose point has no look, or one from more than 14 degrees aside, or
   /// is found neither within a pixel of the level from the key point nor, where that lies within
-  /// three of it, from the place that the pose tells. Returns how many were moved. O(matches), 0.3
+  /// three of it, from the place that the pose tells. Notes how well places are known
+  /// (FrameFeatures::alignment_sigmas). Returns how many were moved. O(matches), 0.3
   /// us each.
   int align(const Map& map, const std::vector<PointMatch>& matches, const std::vector<PointId>& ids,
             TrackedFrame& frame) const;
@@ -55,9 +56,8 @@ class LookFinder {
   /// where the pose tells, and adds a feature for each (TrackedFrame::add_sought), with the
   /// descriptor of the point and the depth that the frame has there. That has to be the point's
   /// within a twentieth: what hides it is nearer, and masked places have none. Where the frame has
-  /// opinions on what stands still
-  /// (`cell_trust`) it has to be one that does. Without a depth image nothing is found. Returns the
-  /// matches, with positions and weight 1. O(points), 0.3 us each.
+  /// opinions on what stands still (`cell_trust`) it has to be one that does. Without a depth image
+  /// nothing is found. Returns the matches, with positions and weight 1. O(points), 0.3 us each.
   std::vector<PointMatch> seek(const Map& map, const std::vector<SoughtPoint>& points,
                                std::size_t most, TrackedFrame& frame) const;
 
@@ -69,12 +69,17 @@ class LookFinder {
   };
   std::optional<Expected> expect(const MapPoint& point, const TrackedFrame& frame,
                                  std::size_t octave) const;
-  std::optional<cv::Point2f> find(const MapPoint& point, const TrackedFrame& frame,
-                                  const cv::KeyPoint& keypoint) const;
-  std::optional<cv::Point2f> find_near(const PointLook& look, const Expected& expected,
-                                       const Eigen::Vector2f& start, const TrackedFrame& frame,
-                                       std::size_t octave) const;
-  void add_feature(const MapPoint& point, const cv::KeyPoint& keypoint, float depth,
+  // A place in a frame, and its standard deviation, pixels of the level.
+  struct Found {
+    cv::Point2f at;
+    float sigma;
+  };
+  std::optional<Found> find(const MapPoint& point, const TrackedFrame& frame,
+                            const cv::KeyPoint& keypoint) const;
+  std::optional<Found> find_near(const PointLook& look, const Expected& expected,
+                                 const Eigen::Vector2f& start, const TrackedFrame& frame,
+                                 std::size_t octave) const;
+  void add_feature(const MapPoint& point, const cv::KeyPoint& keypoint, float depth, float sigma,
                    FrameFeatures& features) const;
 
   DepthCamera camera_;

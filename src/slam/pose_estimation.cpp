@@ -31,12 +31,15 @@ factors::PoseResult PoseEstimation::solve(const std::vector<PointMatch>& matches
   inverse_sigma_.clear();
   right_inverse_sigma_.clear();
   weights_.clear();
+  alignment_sigmas_.clear();
   for (const PointMatch& match : matches) {
     const cv::KeyPoint& keypoint = features.keypoints[match.feature];
     points_.push_back(match.position);
     pixels_.emplace_back(keypoint.pt.x, keypoint.pt.y);
     right_columns_.push_back(features.right_columns[match.feature]);
-    const double scale = scale_factors_[static_cast<std::size_t>(keypoint.octave)];
+    alignment_sigmas_.push_back(features.alignment_sigma(match.feature));
+    const double scale = scale_factors_[static_cast<std::size_t>(keypoint.octave)] *
+                         noise_.relative(alignment_sigmas_.back());
     inverse_sigma_.push_back(static_cast<float>(1.0 / (noise_.pixels * scale)));
     right_inverse_sigma_.push_back(static_cast<float>(noise_.right_inverse_sigma(scale)));
     weights_.push_back(match.weight);
@@ -55,11 +58,10 @@ void PoseEstimation::learn_noise(const RigidTransform& T_cam_world) {
   for (std::size_t i = 0; i < points_.size(); ++i) {
     if (inliers()[i] == 0) continue;
     residuals_.add(camera_, T_cam_world * points_[i], pixels_[i].cast<double>(), right_columns_[i],
-                   noise_.pixels * inverse_sigma_[i]);
+                   noise_.pixels * noise_.relative(alignment_sigmas_[i]) * inverse_sigma_[i],
+                   alignment_sigmas_[i]);
   }
-  const FeatureNoise seen = residuals_.to_weigh_by();
-  noise_.pixels = kMomentum * noise_.pixels + (1.0 - kMomentum) * seen.pixels;
-  noise_.disparity = kMomentum * noise_.disparity + (1.0 - kMomentum) * seen.disparity;
+  noise_ = noise_.blended(residuals_.to_weigh_by(), kMomentum);
   factors::PoseOptimizerOptions scaled = options_;
   scaled.chi2_mono /= noise_.pixels * noise_.pixels;
   scaled.chi2_depth /= noise_.pixels * noise_.pixels;

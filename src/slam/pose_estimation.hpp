@@ -36,7 +36,7 @@ class PoseEstimation {
 
   /// Learns the noise of features from the inliers of the last solve(), for those to come: errors
   /// are then weighed by it (against each other, robust loss, prior, covariance). Who is an inlier
-  /// by its key point does not depend on it.
+  /// by its key point depends on how sure that is beside others, and not on the noise of all.
   void learn_noise(const RigidTransform& T_cam_world);
 
   Span<const std::uint8_t> inliers() const { return optimizer_.inliers(); }
@@ -53,6 +53,7 @@ class PoseEstimation {
   std::vector<Eigen::Vector3d> points_;
   std::vector<Eigen::Vector2f> pixels_;
   std::vector<float> right_columns_, inverse_sigma_, right_inverse_sigma_, weights_;
+  std::vector<float> alignment_sigmas_;
 };
 
 }  // namespace dynslam::slam

@@ -48,6 +48,9 @@ enum class PatchStatus : std::uint8_t {
 struct PatchAlignment {
   PatchStatus status = PatchStatus::kOutside;
   Eigen::Vector2f at = Eigen::Vector2f::Zero();  ///< pixels of the level; of use if ok()
+  /// Standard deviation of a coordinate of the place, as far as what is left of the difference
+  /// tells, pixels of the level; of use if ok().
+  float sigma = 0.0F;
   bool ok() const { return status == PatchStatus::kAligned; }
 };
 

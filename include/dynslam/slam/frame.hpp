@@ -32,8 +32,12 @@ struct FrameFeatures {
   std::vector<float> depths;            ///< N, metres; 0 where there is none to build on
   std::vector<float> right_columns;     ///< N, u - bf / z; NaN where that is unknown
   std::vector<cv::Vec3b> colors;        ///< N, BGR
-  features::KeypointGrid grid;          ///< over the key points as they were found
-  float masked_share = 0.0F;            ///< share of the image under the mask, 0..1
+  /// N or fewer: how well a key point is known that was aligned with how its point looks, standard
+  /// deviation in pixels of its level; 0, or missing, where it is a corner as it was found.
+  /// Missing in features of stored maps.
+  std::vector<float> alignment_sigmas;
+  features::KeypointGrid grid;  ///< over the key points as they were found
+  float masked_share = 0.0F;    ///< share of the image under the mask, 0..1
   /// So many of them, the last, are no corners: points of the map were found by their looks there,
   /// whose descriptors they have. 0 in features of stored maps.
   std::size_t sought = 0;
@@ -41,6 +45,9 @@ struct FrameFeatures {
   std::size_t size() const { return keypoints.size(); }
   /// Whether a feature is one of those.
   bool is_sought(std::size_t i) const { return i >= size() - sought; }
+  float alignment_sigma(std::size_t i) const {
+    return i < alignment_sigmas.size() ? alignment_sigmas[i] : 0.0F;
+  }
   const std::uint8_t* descriptor(std::size_t i) const {
     return descriptors.ptr<std::uint8_t>(static_cast<int>(i));
   }
