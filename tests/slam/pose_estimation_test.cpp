@@ -91,6 +91,31 @@ TEST(PoseEstimation, IsPulledLessByFeaturesBesideOnceItKnowsTheNoise) {
   EXPECT_LT(after, 0.7 * before);
 }
 
+// Every other feature is aligned, to 0.05 pixels or 0.4, and says so.
+void align_all(View& view, unsigned seed) {
+  std::mt19937 random(seed);
+  std::normal_distribution<float> normal;
+  for (std::size_t i = 0; i < view.features.size(); ++i) {
+    const float sigma = i % 2 == 0 ? 0.05F : 0.4F;
+    view.features.alignment_sigmas.push_back(sigma);
+    view.features.keypoints[i].pt += cv::Point2f(sigma * normal(random), sigma * normal(random));
+  }
+}
+
+TEST(PoseEstimation, IsPulledLessByFeaturesThatAreAlignedWorse) {
+  double same = 0.0, apart = 0.0;  // squared, of all
+  for (unsigned seed = 0; seed < 20; ++seed) {
+    View view(0.01, 0.0F, -1.0, seed);
+    align_all(view, seed);
+    PoseEstimation told = estimation(view);
+    apart += view.solve_learned(told).T_cam_world.t.squaredNorm();
+    view.features.alignment_sigmas.clear();
+    PoseEstimation untold = estimation(view);
+    same += view.solve_learned(untold).T_cam_world.t.squaredNorm();
+  }
+  EXPECT_LT(apart, 0.6 * same);
+}
+
 TEST(PoseEstimation, BelievesDepthAsFarAsItsNoiseAllows) {
   double before = 0.0, after = 0.0;  // squared, of all
   for (unsigned seed = 0; seed < 20; ++seed) {
@@ -158,6 +183,45 @@ TEST(ResidualNoise, IsUnknownFromAFewErrorsAndFromPointsBehindTheCamera) {
   EXPECT_TRUE(std::isnan(noise.standard_deviations().disparity));
   noise.clear();
   EXPECT_TRUE(std::isnan(noise.standard_deviations().pixels));
+}
+
+// Of 200 corners and 2000 aligned key points, of sigma 0.02 to 0.2, whose errors are `aligned` and
+// `growth` times that.
+FeatureNoise noise_by_alignment(double corner, double aligned, double growth) {
+  const DepthCamera camera = depth_camera();
+  std::mt19937 random(5);
+  std::normal_distribution<double> normal;
+  std::uniform_real_distribution<double> uniform(0.02, 0.2);
+  ResidualNoise noise;
+  for (int i = 0; i < 2200; ++i) {
+    const Eigen::Vector3d X(0.3, -0.2, 2.0);
+    const double sigma = i % 11 == 0 ? 0.0 : uniform(random);
+    const double error = sigma > 0.0 ? std::hypot(aligned, growth * sigma) : corner;
+    const Eigen::Vector2d pixel =
+        camera.project(X) + error * Eigen::Vector2d(normal(random), normal(random));
+    noise.add(camera, X, pixel, -1.0, 1.0, sigma);
+  }
+  return noise.to_weigh_by();
+}
+
+TEST(ResidualNoise, TellsHowMuchMoreIsToBeHeldOfWhatIsAlignedWell) {
+  const FeatureNoise noise = noise_by_alignment(0.35, 0.15, 2.0);
+  EXPECT_NEAR(noise.pixels * noise.relative(0.03), std::hypot(0.15, 2.0 * 0.03), 0.03);
+  EXPECT_NEAR(noise.pixels * noise.relative(0.18), std::hypot(0.15, 2.0 * 0.18), 0.05);
+  EXPECT_NEAR(noise.pixels * noise.relative(0.0), 0.35, 0.04);
+}
+
+TEST(ResidualNoise, HoldsAlignedOnesForAlikeWhereAlignmentTellsNothing) {
+  const FeatureNoise noise = noise_by_alignment(0.3, 0.3, 0.0);
+  EXPECT_NEAR(noise.relative(0.02), 1.0, 0.1);
+  EXPECT_NEAR(noise.relative(0.2), 1.0, 0.1);
+}
+
+TEST(FeatureNoise, IsNeverFarFromThatOfOthers) {
+  const FeatureNoise noise = noise_by_alignment(5.0, 0.01, 4.0);
+  EXPECT_EQ(noise.relative(0.0), 2.0);
+  EXPECT_GE(noise.relative(0.001), 0.5);
+  EXPECT_EQ(noise.relative(100.0), 2.0);
 }
 
 TEST(FeatureNoise, OfTheRightColumnIsThatOfBoth) {
