@@ -47,8 +47,7 @@ class LookFinder {
   /// replaced. Key points stay whose point has no look, or one from more than 14 degrees aside, or
   /// is found neither within a pixel of the level from the key point nor, where that lies within
   /// three of it, from the place that the pose tells. Notes how well places are known
-  /// (FrameFeatures::alignment_sigmas). Returns how many were moved. O(matches), 0.3
-  /// us each.
+  /// (FrameFeatures::alignment_sigmas). Returns how many were moved. O(matches), 0.3 us each.
   int align(const Map& map, const std::vector<PointMatch>& matches, const std::vector<PointId>& ids,
             TrackedFrame& frame) const;
 

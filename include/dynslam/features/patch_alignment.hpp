@@ -49,7 +49,8 @@ struct PatchAlignment {
   PatchStatus status = PatchStatus::kOutside;
   Eigen::Vector2f at = Eigen::Vector2f::Zero();  ///< pixels of the level; of use if ok()
   /// Standard deviation of a coordinate of the place, as far as what is left of the difference
-  /// tells (a last step below 0.02 pixels is not taken on), pixels of the level; of use if ok().
+  /// tells, pixels of the level; of use if ok(). A quarter low, whatever the noise is:
+  /// interpolation smooths what is compared.
   float sigma = 0.0F;
   bool ok() const { return status == PatchStatus::kAligned; }
 };
